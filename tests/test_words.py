@@ -106,6 +106,15 @@ def prose() -> Iterator[tuple[str, str]]:
             yield path.relative_to(ROOT).as_posix(), FENCE.sub("", path.read_text("utf-8"))
 
 
+def prose_like(pattern: re.Pattern[str]) -> list[str]:
+    """Places and words of prose matching a pattern, beside code."""
+    return [
+        f"{place}: {match[0]}"
+        for place, text in prose()
+        for match in pattern.finditer(CODE.sub(" ", text))
+    ]
+
+
 #: Words that no engineer would write: ``one a clip``, ``is told``, ``a value that is none``.
 ODD = re.compile(
     r"\b(?:one|two) an? (?:clip|frame|step|sensor|run|recording|process|worker|row|line|image)\b"
@@ -114,20 +123,12 @@ ODD = re.compile(
 
 
 def test_pages_and_comments_use_plain_words() -> None:
-    odd = [
-        f"{place}: {match[0]}"
-        for place, text in prose()
-        for match in ODD.finditer(CODE.sub(" ", text))
-    ]
+    odd = prose_like(ODD)
     assert ODD.search("two a clip")
     assert not odd, "\n".join(odd)
 
 
 def test_one_spelling_of_english() -> None:
-    odd = [
-        f"{place}: {match[0]}"
-        for place, text in prose()
-        for match in AMERICAN.finditer(CODE.sub(" ", text))
-    ]
+    odd = prose_like(AMERICAN)
     assert AMERICAN.search("a Color of its neighbors".lower())
     assert not odd, "\n".join(odd)

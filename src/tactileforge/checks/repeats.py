@@ -47,7 +47,7 @@ def repeated(changes: NDArray[np.float64], rate: float) -> Suspicion | None:
 
 
 def _share_of_copies(changes: NDArray[np.float64]) -> float:
-    """Share of repeated frames, which hardly differ from the one before; 0 for none."""
+    """Share of frames hardly different from the one before; 0 for none."""
     moving = changes[changes > 0]
     if not len(moving):
         return 0.0
@@ -68,7 +68,7 @@ def _share_of_copies(changes: NDArray[np.float64]) -> float:
 
 
 def _share_in_film(changes: NDArray[np.float64]) -> float:
-    """Share of repeated frames where every second or third is a new one; 0 for none.
+    """Share of repeated frames in a film with each frame two or three times; 0 for none.
 
     The coder of a film goes on to refine a picture in its copies, by up to half of a usual change.
     """

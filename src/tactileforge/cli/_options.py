@@ -96,7 +96,7 @@ def yaml_text(name: str) -> str:
 
 
 def tower(scale: str, small: str) -> str:
-    """Text or image tower of a scale: CLIP's, as published, or a small one that learns along."""
+    """Text or image tower of a scale: CLIP's, as published, or a small trainable one."""
     return "clip" if scale == "paper" else small
 
 

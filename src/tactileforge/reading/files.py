@@ -65,7 +65,7 @@ def read_text(path: Path) -> str:
 
 
 def _likely(raw: bytes) -> str:
-    """Likely encoding of a text that is not UTF-8: of Chinese, Japanese or Latin words."""
+    """Likely encoding of text other than UTF-8: of Chinese, Japanese or Latin words."""
     for encoding in ("gb2312", "shift_jis", "gb18030"):
         try:
             words = _ASIAN.findall(raw.decode(encoding))

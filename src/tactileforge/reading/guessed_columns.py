@@ -67,7 +67,7 @@ _LOOKED_AT = 50
 
 @dataclass(frozen=True)
 class NamedColumns:
-    """Columns of a table by what their names say; None for none.
+    """Columns of a table by their names; None for none.
 
     Attributes:
         force: Columns of x, y and z.

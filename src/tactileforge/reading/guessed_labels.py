@@ -1,4 +1,4 @@
-"""Guesses about labels in tables: objects, sensors, captions; and about what is left out."""
+"""Guesses about labels in tables: objects, sensors, captions; and about unread files."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def _type_of(name: str) -> str:
 
 
 def unread_words(family: Family, layout: Mapping[str, Any], doubts: list[str]) -> None:
-    """Add a line about the columns of words in a table that is read for something else.
+    """Add a line about unread columns of words in a table of forces.
 
     Args:
         family: The table.

@@ -129,7 +129,7 @@ def moved_path(path: str, names: Mapping[str, str], folder: Path) -> str | None:
 
 
 def is_there(path: str, folder: Path) -> bool:
-    """Whether a row's path exists, from a folder on or by its end where another machine wrote it.
+    """Whether a row's path exists below a folder, or its end, of a path from another machine.
 
     Args:
         path: A path with forward slashes.

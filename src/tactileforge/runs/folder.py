@@ -113,7 +113,7 @@ def read_config(folder: Path) -> dict[str, Any]:
 
 
 def _meant(folder: Path) -> str:
-    """What to type in place of a folder that is no run: one of the runs in it, or ``@best``."""
+    """Fix for a folder without a run: one of the runs in it, or ``@best``."""
     run, _, word = folder.name.rpartition("@")
     if run and (folder.with_name(run) / CONFIG).is_file():
         return f"@{word} names no weights of {folder.with_name(run)}: @best does, or nothing (last)"

@@ -112,7 +112,7 @@ def typed(where: str, value: Any, hint: Any) -> Any:
 
 
 def _choices(hint: Any) -> list[str]:
-    """Words of a type that is one of a few words, or null; [] for other types."""
+    """Choices of a type of a few words, or null; [] for other types."""
     union = get_origin(hint) in (Union, types.UnionType)
     kinds = [kind for kind in (get_args(hint) if union else (hint,)) if kind is not type(None)]
     if any(get_origin(kind) is not Literal for kind in kinds):

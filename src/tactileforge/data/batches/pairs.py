@@ -67,7 +67,7 @@ class Pairs:
         return list(rng.choice(clips, 2, replace=False))
 
     def _action_of(self, pair: Sequence[int], rng: np.random.Generator) -> list[int]:
-        """Another clip with the action of the first of a pair; none where there is none."""
+        """Another clip with the action of the first of a pair; [] without one."""
         if (action := self._action[pair[0]]) < 0:
             return []
         clips = self._by_action[action]
