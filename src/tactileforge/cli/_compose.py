@@ -26,7 +26,7 @@ from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.plugins import local
 from tactileforge.plugins.distributions import how_to_get
-from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.kinds import GROUPS
 
 log = logging.getLogger(__name__)
 

@@ -23,7 +23,7 @@ from tactileforge.cli._options import MULTI, yaml_groups, yaml_options, yaml_tex
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name
 from tactileforge.plugins import local, registry
 from tactileforge.plugins.class_contracts import RESERVED
-from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.kinds import GROUPS
 from tactileforge.plugins.source_options import read_hints
 
 #: Keys of a node beside the options of its plugin, by group.

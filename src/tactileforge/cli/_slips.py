@@ -19,7 +19,8 @@ from tactileforge.cli._options import options, own_places, yaml_groups
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.plugins.distributions import how_to_get
-from tactileforge.plugins.registry import GROUPS, dotted
+from tactileforge.plugins.kinds import GROUPS
+from tactileforge.plugins.loading import dotted
 
 #: Longest message of another library that is repeated, characters.
 _LONGEST = 600

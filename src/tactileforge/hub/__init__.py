@@ -3,7 +3,7 @@
 - `hub.cards`: what the zoo says of each model; needs no torch
 - `hub.store`: where files of weights lie, and how they get there; verified on every load
 - `hub.header`, `hub.files`: the one-file checkpoint
-- `hub.parts`, `hub.clip_readings`, `hub.model`: a loaded model, what it is made of and what it reads
+- `hub.parts`, `hub.clip_readings`, `hub.model`: a loaded model
 - `hub.loading`: `tactileforge.load`
 """
 
