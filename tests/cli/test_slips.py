@@ -29,6 +29,15 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["train", "objective=[a.b.Contrast]"], "A class of yours is a.b:Contrast"),
         (["train", "encoder=net.Tiny"], "unknown encoder 'net.Tiny'"),
         (["train", "encoder=net.Tiny"], "A class of yours is net:Tiny"),
+        (["train", "scale=tiny", "batch.size=-1"], "batch.size=-1: give a whole number"),
+        (
+            ["train", "scale=tiny", "objective.dino.weight=3"],
+            "nothing reads objective.dino.weight: objective 'dino' is not chosen",
+        ),
+        (
+            ["train", "scale=tiny", "objective.pixal.weight=3"],
+            "'objective.pixel.weight'? Known in objective: align, diff, force, match, pixel\n",
+        ),
         (["report", "nowhere"], "nowhere: no config.yaml there; give the folder of a run"),
         (
             ["train", "callbacks.early_stopping.patience=3"],
