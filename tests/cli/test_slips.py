@@ -90,6 +90,19 @@ def test_a_slip_is_one_line_that_names_the_fix(
     assert set(Path().rglob("*")) == before, "nothing is left"
 
 
+def test_two_suites_with_a_task_of_one_name_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("own/suite").mkdir(parents=True)
+    for name, defaults in (("a", ""), ("b", ""), ("c", "defaults: [a, _self_]\n")):
+        rows = f"suites: {{{name}: A}}\ntasks: {{grasp: {{title: {name}}}}}\n"
+        Path(f"own/suite/{name}.yaml").write_text(f"# @package _global_\n{defaults}{rows}")
+    words = ["bench", "--config-dir", "own", "model=[pixels]"]
+    found = error_of(capsys, *words, "suite=[a,b]")
+    assert "own/suite/a.yaml and " in found
+    assert "own/suite/b.yaml have a task of one name, 'grasp': rename it" in found
+    # one that begins with another changes its task
+    assert "tasks.grasp" in error_of(capsys, *words, "suite=[c]")
+
+
 GRASP = {
     "title": "Is it grasped",
     "data": "{name: recordings, root: DIR, val: 0.3}",

@@ -13,7 +13,13 @@ from typing import Any
 from omegaconf import DictConfig
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._compose import check_claims, initialized, without_layouts
+from tactileforge.cli._compose import (
+    check_claims,
+    check_tasks,
+    initialized,
+    leave_out_others,
+    without_layouts,
+)
 from tactileforge.cli._known import dotted_keys
 from tactileforge.cli._options import own_places, places_of
 from tactileforge.cli._quote import quoted
@@ -64,7 +70,10 @@ def run(verb: str, command: Command, words: Words) -> Result:
                 if local.given():
                     with initialized():
                         check_claims(name, HydraConfig.get().overrides.task)
-                given = command.completed(config, HydraConfig.get().overrides.task)
+                given_words = HydraConfig.get().overrides.task
+                check_tasks(config, name, given_words)
+                leave_out_others(config, name, given_words)
+                given = command.completed(config, given_words)
                 results.append(command.start(given))
             # a sweep keeps numbers, and an object for Python is none
             return results[-1] if isinstance(results[-1], int | float) else None
