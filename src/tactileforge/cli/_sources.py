@@ -32,6 +32,10 @@ from tactileforge.plugins.kinds import GROUPS
 log = logging.getLogger(__name__)
 
 
+# here: Hydra imports this module for its search path, in every application
+OmegaConf.register_new_resolver("tactileforge_if", chosen_by, replace=True)
+
+
 class PluginSource(ConfigSource):
     """Serves each entry point as a config: its name and its constructor's defaults."""
 
@@ -161,4 +165,3 @@ def register() -> None:
     """
     Plugins.instance().register(PluginSource)
     Plugins.instance().register(SearchPath)
-    OmegaConf.register_new_resolver("tactileforge_if", chosen_by, replace=True)
