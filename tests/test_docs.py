@@ -22,7 +22,7 @@ import pytest
 from made_files import make_files
 from warm import Warm
 
-from tactileforge.plugins import registry
+from tactileforge.plugins import metadata
 from tactileforge.util.untrusted import load_yaml
 
 ROOT = Path(__file__).parents[1]
@@ -95,7 +95,7 @@ def test_code_blocks_run(
 ) -> None:
     # a reader runs the code in the folder of the files, as a notebook does
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    monkeypatch.setattr(registry, "_entries", cache(registry._entries.__wrapped__))  # a new reader
+    monkeypatch.setattr(metadata, "entries", cache(metadata.entries.__wrapped__))  # a new reader
     blocks = BLOCK.findall(page.read_text())
     if all(mark == "no-run" for mark, *_ in blocks):
         pytest.skip("no code to run on this page")

@@ -14,7 +14,7 @@ import pytest
 
 from tactileforge import load
 from tactileforge.cli._compose import compose
-from tactileforge.plugins import registry
+from tactileforge.plugins import metadata, registry
 from tactileforge.specs.published import spec
 from tactileforge.testing import check
 
@@ -38,9 +38,9 @@ def site(tmp_path_factory):
 @pytest.fixture
 def example(site, monkeypatch):
     monkeypatch.syspath_prepend(site)
-    registry._entries.cache_clear()
+    metadata.entries.cache_clear()
     yield
-    registry._entries.cache_clear()
+    metadata.entries.cache_clear()
 
 
 @pytest.fixture

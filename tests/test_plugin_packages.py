@@ -17,7 +17,7 @@ from tactileforge.cli._compose import compose
 from tactileforge.errors import PluginError
 from tactileforge.hub import cards
 from tactileforge.hub.file_checks import check_plugin
-from tactileforge.plugins import distributions, registry
+from tactileforge.plugins import distributions, metadata, registry
 from tactileforge.specs.published import spec
 from tactileforge.testing.results import CheckSubject, run_check
 from tactileforge.testing.trained_encoders import exported_it_is_the_same
@@ -57,12 +57,12 @@ def only(monkeypatch):
         def found(group):
             return [entry for entry in entry_points(group=group) if entry.dist.name in kept]
 
-        for module in (registry, distributions):
+        for module in (metadata, distributions):
             monkeypatch.setattr(module, "entry_points", found)
         clear()
 
     def clear():
-        registry._entries.cache_clear()
+        metadata.entries.cache_clear()
         cards.card_names.cache_clear()
         cards.read_card.cache_clear()
 

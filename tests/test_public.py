@@ -270,7 +270,7 @@ def reference():
         entries = [f"::: {homes[one]}.{one}\n" for one in sorted(homes, key=str.lower)]
         parts += [f"## {title}\n", f"{first}\n", *entries]
         if title == "tactileforge":
-            shown = "{members: true}"
+            shown = "{members: true, inherited_members: true}"
             parts += ["### A model\n", f"::: tactileforge.hub.model.Model\n    options: {shown}\n"]
             parts += ["### Errors\n", "::: tactileforge.errors\n    options: {members: true}\n"]
         if title == "tactileforge.testing":

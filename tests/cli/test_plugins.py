@@ -14,7 +14,7 @@ import yaml
 from tactileforge.cli import dispatch
 from tactileforge.cli.plugins import _paths
 from tactileforge.errors import ConfigError, PluginError, SensorError
-from tactileforge.plugins import registry
+from tactileforge.plugins import metadata, registry
 
 main = partial(dispatch, "plugins")
 
@@ -44,7 +44,7 @@ def toy(installed):
 
 
 def test_a_container_is_checked_on_a_file(monkeypatch):
-    monkeypatch.setitem(registry._registered, ("containers", "grain"), object)
+    monkeypatch.setitem(metadata.registered, ("containers", "grain"), object)
     with pytest.raises(PluginError, match=r"'grain' is a container, .*check_container\(FILE\)"):
         main(["check", "grain"])
 

@@ -29,6 +29,15 @@ def error_of(capsys: pytest.CaptureFixture[str], *words: str) -> str:
         (["train", "objective=[a.b.Contrast]"], "A class of yours is a.b:Contrast"),
         (["train", "encoder=net.Tiny"], "unknown encoder 'net.Tiny'"),
         (["train", "encoder=net.Tiny"], "A class of yours is net:Tiny"),
+        (["train", "scale=tiny", "batch.size=-1"], "batch.size=-1: give a whole number"),
+        (
+            ["train", "scale=tiny", "objective.dino.weight=3"],
+            "nothing reads objective.dino.weight: objective 'dino' is not chosen",
+        ),
+        (
+            ["train", "scale=tiny", "objective.pixal.weight=3"],
+            "'objective.pixel.weight'? Known in objective: align, diff, force, match, pixel\n",
+        ),
         (["report", "nowhere"], "nowhere: no config.yaml there; give the folder of a run"),
         (
             ["train", "callbacks.early_stopping.patience=3"],
@@ -79,6 +88,19 @@ def test_a_slip_is_one_line_that_names_the_fix(
     before = set(Path().rglob("*"))
     assert message in error_of(capsys, *words)
     assert set(Path().rglob("*")) == before, "nothing is left"
+
+
+def test_two_suites_with_a_task_of_one_name_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("own/suite").mkdir(parents=True)
+    for name, defaults in (("a", ""), ("b", ""), ("c", "defaults: [a, _self_]\n")):
+        rows = f"suites: {{{name}: A}}\ntasks: {{grasp: {{title: {name}}}}}\n"
+        Path(f"own/suite/{name}.yaml").write_text(f"# @package _global_\n{defaults}{rows}")
+    words = ["bench", "--config-dir", "own", "model=[pixels]"]
+    found = error_of(capsys, *words, "suite=[a,b]")
+    assert "own/suite/a.yaml and " in found
+    assert "own/suite/b.yaml have a task of one name, 'grasp': rename it" in found
+    # one that begins with another changes its task
+    assert "tasks.grasp" in error_of(capsys, *words, "suite=[c]")
 
 
 GRASP = {

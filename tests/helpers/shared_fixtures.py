@@ -25,7 +25,7 @@ from tactileforge.cli._verbs import summary
 from tactileforge.contracts import Batch, Frame, Frames, SensorSpec
 from tactileforge.encoders.tactile_vit import TactileViT
 from tactileforge.errors import TactileForgeError
-from tactileforge.plugins import local, registry
+from tactileforge.plugins import local, metadata
 from tactileforge.util import processes
 
 #: What a ``conftest.py`` of the core or of a package imports as it is.
@@ -136,7 +136,7 @@ def _in_turn_with_others(_scheduling: tuple[int, int] | None) -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _names_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a test registers by ``tactileforge.register`` has no name in the tests after it."""
-    monkeypatch.setattr(registry, "_registered", dict(registry._registered))
+    monkeypatch.setattr(metadata, "registered", dict(metadata.registered))
     monkeypatch.setattr(local, "_known", dict(local._known))
 
 
@@ -243,7 +243,7 @@ def installed(
         clear()
 
     def clear() -> None:
-        registry._entries.cache_clear()
+        metadata.entries.cache_clear()
         summary.cache_clear()  # other tests have other modules of the same name
 
     yield install

@@ -7,7 +7,7 @@ from torch import nn
 from tactileforge.contracts import CONTEXT, Dataset, Sensor
 from tactileforge.errors import ConfigError, PluginError
 from tactileforge.objectives import Pixel
-from tactileforge.plugins import class_contracts, local, registry
+from tactileforge.plugins import class_contracts, local, metadata, registry
 from tactileforge.training.assemble import build_data
 from tactileforge.training.optim import COMMON, parse_optim
 
@@ -102,12 +102,12 @@ class NamedChange:
 def test_an_option_with_a_key_of_the_framework_is_refused(kind, plugin, key):
     with pytest.raises(PluginError, match=f"^mine takes '{key}', and.*call it something else"):
         class_contracts.check_contract(kind, plugin, "mine")
-    registry._registered[kind, "of_a_package"] = plugin  # as an entry point, which no one looks at
+    metadata.registered[kind, "of_a_package"] = plugin  # as an entry point, which no one looks at
     try:
         with pytest.raises(PluginError, match=f"takes '{key}', and"):
             registry.checked(kind, {"name": "of_a_package"})
     finally:
-        del registry._registered[kind, "of_a_package"]
+        del metadata.registered[kind, "of_a_package"]
 
 
 class Late:

@@ -9,7 +9,7 @@ import pytest
 
 from tactileforge import list_plugins
 from tactileforge.errors import ConfigError, PluginError
-from tactileforge.plugins import registry
+from tactileforge.plugins import metadata, registry
 
 SENSOR = """
 class Toy:
@@ -157,8 +157,8 @@ def test_metadata_of_a_package_are_parsed_once(monkeypatch):
         parsed.append(text)
         return message_from_string(text)
 
-    monkeypatch.setattr(registry, "message_from_string", counted)
-    registry._name_and_version.cache_clear()
-    owners = {registry._owner(entry) for entry in entry_points(group="tactileforge.objectives")}
+    monkeypatch.setattr(metadata, "message_from_string", counted)
+    metadata._name_and_version.cache_clear()
+    owners = {metadata.owner(entry) for entry in entry_points(group="tactileforge.objectives")}
     assert len(parsed) == len(owners)
     assert ("tactileforge", version("tactileforge")) in owners

@@ -1,5 +1,6 @@
 """Options read from source equal those of the imported class."""
 
+from inspect import Parameter
 from typing import Any
 
 import pytest
@@ -69,7 +70,7 @@ def module(tmp_path, monkeypatch):
 def test_literals_and_names_of_literals_are_read_without_an_import(module):
     found = read_options(f"{module}:Plain")
     assert found is not None
-    assert found.pop("a") is registry.Parameter.empty
+    assert found.pop("a") is Parameter.empty
     assert found == {"b": 3, "c": (1, -2), "d": 0.25, "e": None}
     assert read_options(f"{module}:Below") == read_options(f"{module}:Plain")
     assert read_hints(f"{module}:Below") == dict.fromkeys(("self", *"abcde"), Any)

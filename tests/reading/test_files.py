@@ -1,3 +1,4 @@
+import pickle
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from tactileforge_datasets.tvl import Tvl
 from tactileforge.errors import DataError
 from tactileforge.reading import files
 from tactileforge.reading.files import matching_files, read_rows, read_text
-from tactileforge.reading.notes import add_once
+from tactileforge.reading.notes import Lines, add_once
 from tactileforge.reading.records import read_records
 
 
@@ -82,18 +83,19 @@ def test_a_line_of_a_table_is_not_too_long(monkeypatch, tmp_path):
 
 
 def test_many_lines_are_added_once():
-    kept, other = ["a"], ["b"]
+    kept, other = Lines(["a"]), ["b"]
     for line in ("a", "b", "b", "c"):
         add_once(kept, line)
         add_once(other, line)
     assert (kept, other) == (["a", "b", "c"], ["b", "a", "c"])
-    kept[:] = ["x", "y", "z"]  # as long as before
-    add_once(kept, "a")
-    add_once(kept, "z")
-    assert kept == ["x", "y", "z", "a"]
     kept.append("d")
-    add_once(kept, "d")
-    assert kept == ["x", "y", "z", "a", "d"]
+    kept += ["e"]
+    for line in ("d", "e", "f"):
+        add_once(kept, line)
+    assert kept == ["a", "b", "c", "d", "e", "f"]
+    again = pickle.loads(pickle.dumps(kept))
+    add_once(again, "f")
+    assert again == kept
 
 
 def test_a_text_of_a_table_in_json_is_not_too_long(tmp_path):

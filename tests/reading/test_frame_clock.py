@@ -286,6 +286,22 @@ def test_nothing_tells_a_contact(tmp_path: Path, write: MakeFile, make_video: Ma
         read(tmp_path, **PRESSED, force=STAMPED | {"start": "contact"})
 
 
+def test_one_without_a_contact_is_skipped_and_counted(tmp_path: Path, write: MakeFile) -> None:
+    for name in ("0", "2"):
+        pressing(tmp_path, write, name, 0.7, DATE)
+    for name in ("1", "3"):
+        pressing(tmp_path, write, name, 0.0, DATE)
+        rows = "".join(f"{(DATE + t / 100) * 1000:.0f},0,0,0\n" for t in range(400))
+        write(f"{name}.csv", "stamp,fx,fy,fz\n" + rows)
+    data = Recordings(str(tmp_path), {"a": PRESSED | {"force": STAMPED | {"start": "contact"}}})
+    found = [one.key for split in ("train", "val") for one in data.recordings(split)]
+    assert sorted(found) == ["a/0.avi", "a/2.avi"]
+    assert [line.partition(": the column")[0][-5:] for line in sorted(data.skipped)] == [
+        "1.csv",
+        "3.csv",
+    ]
+
+
 @pytest.mark.parametrize(
     ("force", "words"),
     [({"start": "firstrow"}, "did you mean 'first_row'"), ({"start": 3, "times": None}, "times:")],

@@ -229,8 +229,27 @@ def test_a_class_in_yaml_leaves_out_what_the_recipe_gave_another(word, tmp_path)
     (tmp_path / "recipe/steady.yaml").write_text(text)
     optim = compose("steady", [f"hydra.searchpath=[{tmp_path}]", *WORDS])["optim"]
     assert (optim["name"], optim["lr"]) == ("torch.optim:SGD", 0.01)
-    assert "betas" not in optim
+    assert not {"betas", "weight_decay"} & optim.keys()  # SGD has a decay of its own, 0
+    assert optim["warmup"] == compose("mae", WORDS)["optim"]["warmup"]
     parse_optim(optim)
+
+
+def test_a_class_in_yaml_has_what_yaml_and_words_give_it(tmp_path):
+    def optim(text: str, *words: str):
+        (tmp_path / "recipe").mkdir(exist_ok=True)
+        head = "# @package _global_\ndefaults: [mae, _self_]\noptim: "
+        (tmp_path / "recipe/steady.yaml").write_text(head + text)
+        later = "# @package _global_\ndefaults: [steady, _self_]\noptim: {momentum: 0.7}\n"
+        (tmp_path / "recipe/later.yaml").write_text(later)
+        return compose("later", [f"hydra.searchpath=[{tmp_path}]", *WORDS, *words])["optim"]
+
+    own = f"{{name: '{__name__}:Wants', betas: [0.5, 0.6]}}\n"
+    found = optim(own)
+    assert (found["betas"], found["momentum"]) == ([0.5, 0.6], 0.7)
+    assert found["lr"] == compose("mae", WORDS)["optim"]["lr"], "the class has none of its own"
+    found = optim(f"{{name: '{__name__}:Wants'}}\n", "optim.betas=[0.1,0.2]")
+    assert found["betas"] == [0.1, 0.2]
+    assert "betas" not in optim(f"{{name: '{__name__}:Wants'}}\n")
 
 
 def test_a_callback_with_a_device_for_a_default_is_chosen():

@@ -15,7 +15,7 @@ from tactileforge_episodes.members import FolderMembers, TarMembers, ZipMembers
 from tactileforge_episodes.places import Place, find_places, open_place
 
 from tactileforge.errors import DataError
-from tactileforge.plugins import registry
+from tactileforge.plugins import metadata
 from tactileforge.reading import Facts
 from tactileforge.testing import check_container
 
@@ -328,7 +328,7 @@ def test_a_container_of_another_package_is_found_guessed_and_read(tmp_path, monk
     frames, force = pictures(6, 24, 32, 3), np.arange(18, dtype="f4").reshape(6, 3)
     stamps = 7 + np.array([0, 1, 2, 4, 5, 6]) / 25
     np.savez(folder / "all.npz", tactile=frames, force=force, stamps=stamps)
-    monkeypatch.setitem(registry._registered, ("containers", "rig"), Rig)
+    monkeypatch.setitem(metadata.registered, ("containers", "rig"), Rig)
     guess = Episodes.recognise(tmp_path / "data")
     assert guess.format.startswith("rig")
     (one,) = Episodes(**guess.options, val=0).recordings("train")

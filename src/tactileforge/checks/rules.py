@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.checks.check import Check, Examples, Finding
-from tactileforge.checks.doubts import FIXES
 from tactileforge.checks.made import made_touch
 from tactileforge.checks.pixels import check_pixels
 from tactileforge.checks.seen import Seen
@@ -69,8 +68,3 @@ def right_force() -> NDArray[np.float32]:
     force = made_touch().force
     assert force is not None
     return force
-
-
-def fix_of(reason: str) -> str:
-    """Fix of a reason of `doubts`."""
-    return FIXES[reason]

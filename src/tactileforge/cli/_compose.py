@@ -7,26 +7,29 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from inspect import Parameter
 from typing import Any
 
 from hydra import compose as hydra_compose
 from hydra import initialize_config_module
 from hydra.core.config_store import ConfigStore
+from hydra.core.default_element import ResultDefault
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import MissingConfigException
+from hydra.plugins.config_source import ConfigResult
 from hydra.types import RunMode
 from hydra.version import VersionBase
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tactileforge.cli._finish import adopt, finish
-from tactileforge.cli._options import MULTI, yaml_text
-from tactileforge.cli._sources import parted, register
+from tactileforge.cli._options import MULTI, own_places, yaml_text
+from tactileforge.cli._sources import SearchPath, parted, register
 from tactileforge.cli._words import free_heads
 from tactileforge.errors import ConfigError, PluginError
-from tactileforge.plugins import local
+from tactileforge.plugins import local, registry
 from tactileforge.plugins.distributions import how_to_get
-from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.kinds import GROUPS
 
 log = logging.getLogger(__name__)
 
@@ -156,7 +159,9 @@ def composed(name: str, overrides: Sequence[str] = ()) -> DictConfig:
     with initialized():
         config = hydra_compose(name, without_layouts(overrides))
         check_claims(name, overrides)
-        return config
+    check_tasks(config, name, overrides)
+    leave_out_others(config, name, overrides)
+    return config
 
 
 def check_claims(name: str, overrides: Sequence[str]) -> None:
@@ -187,6 +192,95 @@ def check_claims(name: str, overrides: Sequence[str]) -> None:
                 f"the list, and give the other by a name of its own, "
                 f"+{group}@{group}.second={option}"
             )
+
+
+def check_tasks(config: DictConfig, name: str, overrides: Sequence[str]) -> None:
+    """Refuses two suites with different tasks of one name: the last would win.
+
+    Args:
+        config: Composed configuration.
+        name: Its name; see `composed`.
+        overrides: ``key=value`` strings.
+
+    Raises:
+        ConfigError: There are such suites; names the task and both files.
+    """
+    if name != "bench" or len(config.get("suites") or ()) < 2:
+        return
+    files = [(one, loaded) for one, loaded in _files(name, overrides) if _is_suite(one.config_path)]
+    parents = {one.config_path: one.parent for one, _ in files if not one.is_self}
+    found: dict[str, tuple[str, str, Any]] = {}
+    for one, loaded in files:
+        path = word = one.config_path
+        while _is_suite(parents.get(word)):  # a suite that begins with another changes its tasks
+            word = parents[word]
+        content: Any = loaded.config
+        for key, task in (content.get("tasks") or {}).items():
+            place = f"{loaded.path}/{path}.yaml".removeprefix("file://")
+            first, other, before = found.setdefault(key, (str(word), place, task))
+            if first != word and before != task:
+                raise ConfigError(
+                    f"suite=[...]: {other} and {place} have a task of one name, {key!r}: rename it "
+                    "in one, or run the suites one by one"
+                )
+
+
+def leave_out_others(config: DictConfig, name: str, overrides: Sequence[str]) -> None:
+    """Removes the options that presets give AdamW from an optimizer of the user's own in YAML.
+
+    It keeps what the same YAML, a later one and words give it, and its own defaults; options of
+    every optimizer, as ``warmup``, stay, and those that have no default.
+
+    Args:
+        config: Composed configuration; it is changed.
+        name: Its name; see `composed`.
+        overrides: ``key=value`` strings.
+
+    Raises:
+        PluginError: The class cannot be imported.
+    """
+    node = config.get("optim")
+    words = {word.lstrip("+").partition("=")[0] for word in overrides}
+    if not isinstance(node, DictConfig) or "optim" in words or not (own := _own_name(node)):
+        return
+    from tactileforge.training.optim import COMMON  # imports torch
+
+    written: set[str] = set()
+    for one, loaded in _files(name, overrides):
+        inside: Any = loaded.config
+        inside = inside if one.package == "optim" else inside.get("optim")
+        if isinstance(inside, DictConfig):
+            written = set() if {"name", "_target_"} & inside.keys() else written
+            written |= {str(key) for key in inside}
+    known = registry.parameters(registry.adopt("optimizers", own, "optim"))
+    with open_dict(node):
+        for key in {*node} - written - {*COMMON}:
+            if f"optim.{key}" not in words and known.get(key, Parameter.empty) != Parameter.empty:
+                del node[key]
+
+
+def _own_name(node: DictConfig) -> str:
+    """Name of a class of the user's own in a node; "" for another."""
+    module, _, own = str(node.get("_target_") or "").rpartition(".")
+    name = f"{module}:{own}" if module else str(node.get("name"))
+    return name if local.is_local(name) else ""
+
+
+def _is_suite(path: str | None) -> bool:
+    return (path or "").startswith("suite/")
+
+
+def _files(name: str, overrides: Sequence[str]) -> list[tuple[ResultDefault, ConfigResult]]:
+    """The files of a composition in their order, each with what is in it."""
+    words, places = own_places(without_layouts(overrides), [])
+    kept, SearchPath.also = SearchPath.also, [*SearchPath.also, *places]
+    try:
+        with initialized():
+            loader: Any = GlobalHydra.instance().config_loader()
+            listed = loader.compute_defaults_list(name, words, RunMode.RUN).defaults
+            return [(one, loader.repository.load_config(one.config_path)) for one in listed]
+    finally:
+        SearchPath.also = kept
 
 
 @contextmanager

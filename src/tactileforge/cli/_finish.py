@@ -13,7 +13,7 @@ from tactileforge.cli._quote import unquoted
 from tactileforge.cli._sources import node_of
 from tactileforge.errors import ConfigError, PluginError, unknown
 from tactileforge.plugins import class_contracts, local, registry
-from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.kinds import GROUPS
 
 log = logging.getLogger(__name__)
 
@@ -159,8 +159,6 @@ def finish(config: DictConfig, typed: Sequence[str] = (), sweeps: bool = False) 
     for key, node in config.head.items():
         if key in registry.names("heads") and local.is_local(node.get("name")):
             _leave_out(node, "heads", (key,), f"head.{key}", typed)
-    if config.encoder.name != "tactile_vit" and not any(w.startswith("init=") for w in typed):
-        config.init = None if config.init == "clip.vitb16" else config.init  # it would replace it
     _, own = defaults_of_optimizer(typed)
     for key, value in own.items():
         if config.optim.get(key) != value:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from collections.abc import Collection
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,13 @@ from typing import Any
 from omegaconf import DictConfig
 
 from tactileforge.cli._command import Command, Result
-from tactileforge.cli._compose import check_claims, initialized, without_layouts
+from tactileforge.cli._compose import (
+    check_claims,
+    check_tasks,
+    initialized,
+    leave_out_others,
+    without_layouts,
+)
 from tactileforge.cli._known import dotted_keys
 from tactileforge.cli._options import own_places, places_of
 from tactileforge.cli._quote import quoted
@@ -42,6 +49,7 @@ def run(verb: str, command: Command, words: Words) -> Result:
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra raises its errors, reported here
     typed, launcher = sys.argv, os.getpid()
     places = [*words.code, *places_of(words.overrides, words.flags)]
+    kept = _folders()
     results: list[Result] = []
     started: list[bool] = []
     # an error raised inside `task` would make Hydra print its own traceback, so it is kept here
@@ -62,12 +70,15 @@ def run(verb: str, command: Command, words: Words) -> Result:
                 if local.given():
                     with initialized():
                         check_claims(name, HydraConfig.get().overrides.task)
-                given = command.completed(config, HydraConfig.get().overrides.task)
+                given_words = HydraConfig.get().overrides.task
+                check_tasks(config, name, given_words)
+                leave_out_others(config, name, given_words)
+                given = command.completed(config, given_words)
                 results.append(command.start(given))
             # a sweep keeps numbers, and an object for Python is none
             return results[-1] if isinstance(results[-1], int | float) else None
         except TactileForgeError as error:
-            _forget(HydraConfig.get())
+            _forget(HydraConfig.get(), kept)
             if not alone:
                 raise  # the sweep has to see the failure
             ended.append(error)
@@ -129,14 +140,32 @@ def _show(command: Command, words: Words) -> None:
     print(OmegaConf.to_yaml(shown, resolve=bool({"--resolve", "-r"} & {*words.flags})), end="")
 
 
-def _forget(hydra: Any) -> None:
-    """Removes the folder of a failed start, unless it holds more than Hydra's own files."""
+def _forget(hydra: Any, kept: Collection[Path]) -> None:
+    """Removes the folder of a failed start, unless it holds more than Hydra's own files.
+
+    Args:
+        hydra: Hydra's settings of the start.
+        kept: Folders of runs that were there before it.
+    """
     from tactileforge.runs.folder import is_claimed
 
     folder = Path(hydra.runtime.output_dir)
     begun = hydra.output_subdir is None or not folder.is_dir() or is_claimed(folder)
-    if not begun and {item.name for item in folder.iterdir()} <= _BEFORE:
-        shutil.rmtree(folder)
+    if begun or not {item.name for item in folder.iterdir()} <= _BEFORE:
+        return
+    shutil.rmtree(folder)
+    runs = Path("runs").absolute()
+    for parent in folder.parents:
+        made = parent not in kept and parent.is_relative_to(runs)
+        if not made or next(parent.iterdir(), None):
+            return
+        parent.rmdir()
+
+
+def _folders() -> set[Path]:
+    """The folder of all runs, and those in it, by recipe."""
+    runs = Path("runs").absolute()
+    return {runs, *runs.iterdir()} if runs.is_dir() else set()
 
 
 def _check_flags(words: Words) -> None:

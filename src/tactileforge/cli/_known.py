@@ -23,7 +23,7 @@ from tactileforge.cli._options import MULTI, yaml_groups, yaml_options, yaml_tex
 from tactileforge.errors import ConfigError, PluginError, check_names, nearest_name
 from tactileforge.plugins import local, registry
 from tactileforge.plugins.class_contracts import RESERVED
-from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.kinds import GROUPS
 from tactileforge.plugins.source_options import read_hints
 
 #: Keys of a node beside the options of its plugin, by group.
@@ -300,11 +300,33 @@ def _check_chosen(config: DictConfig, typed: Sequence[str]) -> None:
         match = re.match(r"\+{0,2}(objective|head)\.(\w+)\.", word)
         if match and match[2] not in places[match[1]]:
             key = word.lstrip("+").partition("=")[0]
-            near = nearest_name(match[2], objectives)
-            raise ConfigError(
-                f"nothing reads {key}: objective {match[2]!r} is not chosen{near} Chosen: "
-                f"{', '.join(sorted(objectives))}"
-            )
+            raise ConfigError(_not_chosen(key, match[2], objectives))
+
+
+def _not_chosen(key: str, name: str, objectives: Collection[str]) -> str:
+    return (
+        f"nothing reads {key}: objective {name!r} is not chosen{nearest_name(name, objectives)} "
+        f"Chosen: {', '.join(sorted(objectives))}"
+    )
+
+
+def unknown_below(config: Any, key: str, fix: str = "") -> str:
+    """Message about a key unknown in a composed configuration; objectives not chosen do not count.
+
+    Args:
+        config: Composed configuration.
+        key: Dotted key.
+        fix: Further words at the end.
+    """
+    rows = dict(_items(config.get("objective")))
+    chosen = {name for name, node in rows.items() if _is_chosen(node)}
+    group, name = f"{key}.".split(".")[:2]
+    if group == "objective" and name in rows.keys() - chosen:
+        return _not_chosen(key, name, chosen)
+    # a scale has options for objectives of several recipes
+    unused = tuple(f"objective.{name}." for name in rows.keys() - chosen)
+    known = (one for one in dotted_keys(config) if not f"{one}.".startswith(unused))
+    return message(key, known, fix)
 
 
 def _is_chosen(node: Any) -> bool:

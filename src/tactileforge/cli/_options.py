@@ -80,8 +80,8 @@ def _folder(place: str, group: str) -> Traversable | None:
         return None
 
 
-#: Default of a group whose option hangs on the scale; see `tower`.
-_TOWER = re.compile(r"\$\{tactileforge_tower:\$\{scale\},(\w+)\}")
+#: Default of a group whose option hangs on the scale; see `chosen_by`.
+_BY_SCALE = re.compile(r"\$\{tactileforge_if:\$\{scale\},(\w+),(\w+),(\w+)\}")
 
 
 def yaml_options(group: str) -> set[str]:
@@ -95,9 +95,20 @@ def yaml_text(name: str) -> str:
     return (files("tactileforge.conf") / f"{name}.yaml").read_text("utf-8")
 
 
-def tower(scale: str, small: str) -> str:
-    """Text or image tower of a scale: CLIP's, as published, or a small trainable one."""
-    return "clip" if scale == "paper" else small
+def chosen_by(value: str, wanted: str, chosen: str | None, other: str | None) -> str | None:
+    """What YAML says by ``${tactileforge_if:${KEY},wanted,chosen,other}``.
+
+    Args:
+        value: Value of the key.
+        wanted: Value to compare it with.
+        chosen: Result where they are equal.
+        other: Result elsewhere.
+
+    Example:
+        >>> chosen_by("paper", "paper", "clip", "byte"), chosen_by("tiny", "paper", "clip", "byte")
+        ('clip', 'byte')
+    """
+    return chosen if value == wanted else other
 
 
 def yaml_groups(name: str, scale: str = "") -> dict[str, str]:
@@ -117,8 +128,8 @@ def yaml_groups(name: str, scale: str = "") -> dict[str, str]:
         of_recipe = {k: v for row in rows if isinstance(row, dict) for k, v in row.items()}
         found |= {key[1:]: value for key, value in of_recipe.items() if key.startswith("/")}
     for key, value in found.items():
-        if match := _TOWER.fullmatch(str(value)):
-            found[key] = tower(scale or found["scale"], match[1])
+        if match := _BY_SCALE.fullmatch(str(value)):
+            found[key] = chosen_by(scale or found["scale"], *match.groups())
     return {
         key: f"[{','.join(value)}]" if isinstance(value, list) else value
         for key, value in found.items()

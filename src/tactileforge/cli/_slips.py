@@ -14,12 +14,13 @@ from hydra.errors import HydraException, MissingConfigException, OverrideParseEx
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
 from tactileforge.cli._command import Command
-from tactileforge.cli._known import dotted_keys, message
+from tactileforge.cli._known import unknown_below
 from tactileforge.cli._options import options, own_places, yaml_groups
 from tactileforge.cli._words import Words
 from tactileforge.errors import ConfigError, TactileForgeError, unknown
 from tactileforge.plugins.distributions import how_to_get
-from tactileforge.plugins.registry import GROUPS, dotted
+from tactileforge.plugins.kinds import GROUPS
+from tactileforge.plugins.loading import dotted
 
 #: Longest message of another library that is repeated, characters.
 _LONGEST = 600
@@ -220,4 +221,4 @@ def unknown_key(name: str, key: str, overrides: Sequence[str], own: Sequence[str
     fix = ""
     if re.match(r"(data|tasks|curriculum)\..", key):  # blocks with names of the user's own
         fix = f". A key that is new: +{key}=..."
-    return message(key, dotted_keys(config), fix)
+    return unknown_below(config, key, fix)

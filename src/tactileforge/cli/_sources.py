@@ -23,13 +23,17 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import MISSING, OmegaConf
 
-from tactileforge.cli._options import MULTI, tower
+from tactileforge.cli._options import MULTI, chosen_by
 from tactileforge.errors import PluginError
 from tactileforge.plugins import class_contracts, local, registry
 from tactileforge.plugins.distributions import conf_packages
-from tactileforge.plugins.registry import GROUPS
+from tactileforge.plugins.kinds import GROUPS
 
 log = logging.getLogger(__name__)
+
+
+# here: Hydra imports this module for its search path, in every application
+OmegaConf.register_new_resolver("tactileforge_if", chosen_by, replace=True)
 
 
 class PluginSource(ConfigSource):
@@ -161,4 +165,3 @@ def register() -> None:
     """
     Plugins.instance().register(PluginSource)
     Plugins.instance().register(SearchPath)
-    OmegaConf.register_new_resolver("tactileforge_tower", tower, replace=True)

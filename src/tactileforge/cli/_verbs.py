@@ -21,7 +21,7 @@ from tactileforge.plugins.distributions import how_to_get
 
 if TYPE_CHECKING:
     from tactileforge.cli._command import Command
-    from tactileforge.plugins.registry import PluginInfo
+    from tactileforge.plugins.metadata import PluginInfo
 
 
 def builtin() -> dict[str, str]:

@@ -29,7 +29,7 @@ from tactileforge.reading.layout import (
     DatasetLayout,
     parse_layout,
 )
-from tactileforge.reading.notes import Notes, add_once
+from tactileforge.reading.notes import Lines, Notes, add_once
 from tactileforge.reading.reader import LayoutReader, join_trials
 from tactileforge.reading.splits import (
     SPLIT_OF_FOLDER,
@@ -93,7 +93,7 @@ class Recordings(Drawn):
         self.val = val
         self.tracks = tracks
         self.guess = guess
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
         self._noted = Notes()
         self._split_up: dict[str, _SplitUp] = {}
         self._listed: dict[str, list[_Listed]] = {}

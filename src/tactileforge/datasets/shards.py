@@ -16,7 +16,7 @@ from tactileforge.data.shards.index import Index, IndexEntry
 from tactileforge.data.shards.summary import Summary
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, command, unknown
 from tactileforge.reading.drawn import Drawn
-from tactileforge.reading.notes import add_once
+from tactileforge.reading.notes import Lines, add_once
 from tactileforge.reading.splits import (
     HOLD_OUT,
     SPLITS,
@@ -68,7 +68,7 @@ class Shards(Drawn):
         self.root = root
         self.cache = cache
         self.cache_gb = cache_gb
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
 
     @staticmethod
     def recognise(root: Path) -> Guess | None:

@@ -3,7 +3,8 @@
 - `hub.cards`: what the zoo says of each model; needs no torch
 - `hub.store`: where files of weights lie, and how they get there; verified on every load
 - `hub.header`, `hub.files`: the one-file checkpoint
-- `hub.model`, `hub.loading`: `tactileforge.load`
+- `hub.parts`, `hub.clip_readings`, `hub.model`: a loaded model
+- `hub.loading`: `tactileforge.load`
 """
 
 from tactileforge.util import lazy

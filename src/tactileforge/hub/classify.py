@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -18,13 +18,11 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_
 from tactileforge.hub.clips import GivenClips
 from tactileforge.hub.forces import fingerprint
 from tactileforge.hub.inputs import as_pixels
+from tactileforge.hub.parts import Parts
 from tactileforge.util import strict
 from tactileforge.util.files import new_part, usual_mode
 from tactileforge.util.pointers import check_pointer
 from tactileforge.util.untrusted import load_json
-
-if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
 
 #: Version of the file, and the key of its metadata.
 CLASS_FORMAT = 2
@@ -161,7 +159,7 @@ def layer_of(
     head: str | Path | ClassHead | None,
     names: Sequence[str] | None,
     clips: GivenClips,
-    model: Model,
+    model: Parts,
 ) -> Layer:
     """The layer that `Model.classify` reads; see there for arguments and errors."""
     clips.refuse_itself()
@@ -178,7 +176,7 @@ def layer_of(
     return fitted_layer(head, model.encoder_hash, repr(model), clips.subtracts, named)
 
 
-def read_classes(model: Model, clips: GivenClips, layer: Layer) -> Classes:
+def read_classes(model: Parts, clips: GivenClips, layer: Layer) -> Classes:
     """Classes of clips; of a list, of each item by itself, of any size."""
     read, given = model.clips_reader.tapped, clips.frames
     if not isinstance(given, list | tuple):

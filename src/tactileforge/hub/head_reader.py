@@ -14,21 +14,30 @@ from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub import forces
 from tactileforge.hub.clips import GivenClips
 from tactileforge.hub.forces import ModelReadings
+from tactileforge.hub.parts import Parts
 from tactileforge.sensors.borders import OTHER_LIGHT
+from tactileforge.sensors.streaming.inputs import ForceUnit
 
 if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
     from tactileforge.sensors.calibration.file import Calibration
 
 
-def scale_of(model: Model, names: Sequence[str]) -> Tensor | None:
+def scale_of(model: Parts, names: Sequence[str]) -> Tensor | None:
     """Force scale of each clip; None without a force head, or without the scale of a sensor."""
     head = model.force_reader
     return None if head is None else head.scale(names)
 
 
+def unit_of(
+    model: Parts, calibration: Calibration | str | Path | None, unit: str | None
+) -> ForceUnit:
+    """Unit of the forces of a model; see `Model.force_unit`."""
+    is_own = forces.learned_measured(model.header.recipe)
+    return forces.chosen_unit(calibration is not None, is_own, unit)
+
+
 def force_of(
-    model: Model, clips: GivenClips, calibration: Calibration | str | Path | None, unit: str | None
+    model: Parts, clips: GivenClips, calibration: Calibration | str | Path | None, unit: str | None
 ) -> Tensor:
     """Forces of clips; see `Model.force`."""
     _need(model, "force")
@@ -49,14 +58,14 @@ def force_of(
 
 
 def readings_of(
-    model: Model,
+    model: Parts,
     clips: GivenClips,
     calibration: Calibration | str | Path | None,
     unit: str | None,
     check: bool,
 ) -> ModelReadings:
     """Vectors and forces of clips, from one pass of the encoder; see `Model.readings`."""
-    known = model.force_unit(calibration, unit)
+    known = unit_of(model, calibration, unit)
     reader, head = model.clips_reader, model.force_reader
     x, still, single = inputs = reader.prepare(clips, check)
     names = reader.names(clips, len(x))
@@ -68,7 +77,8 @@ def readings_of(
             vector, force, newton = reader.vector(x, still, rows), None, None
         else:
             if fitted is not None:
-                model.axes_of(fitted, names)  # refuses the fits of another model or sensor
+                # refuses the fits of another model or sensor
+                forces.fitted_axes(fitted, names, model.fingerprint)
             given = None if fitted is None else fitted.force
             compare = check and not forces.has_no_background(model.encoder, clips.background)
             vector, newton = head.read(inputs, rows, scale, given, compare)
@@ -79,7 +89,7 @@ def readings_of(
     return ModelReadings(vector, force, known, newton)
 
 
-def force_inputs_of(model: Model, clips: GivenClips) -> dict[str, Tensor]:
+def force_inputs_of(model: Parts, clips: GivenClips) -> dict[str, Tensor]:
     """Inputs of a calibration; see `Model.force_inputs`."""
     reader, head = model.clips_reader, model.force_reader
     inputs = reader.prepare(clips)
@@ -96,7 +106,7 @@ def force_inputs_of(model: Model, clips: GivenClips) -> dict[str, Tensor]:
     return columns
 
 
-def surface_of(model: Model, clips: GivenClips) -> Tensor:
+def surface_of(model: Parts, clips: GivenClips) -> Tensor:
     """Displacement of the gel's surface; see `Model.surface`."""
     _need(model, "surface")
     reader = model.clips_reader
@@ -114,7 +124,7 @@ def surface_of(model: Model, clips: GivenClips) -> Tensor:
     return surface[0] if single else surface
 
 
-def read_head(model: Model, name: str, clips: GivenClips) -> Any:
+def read_head(model: Parts, name: str, clips: GivenClips) -> Any:
     """Output of a head as it is; see `Model.read_head`."""
     if name not in model.heads:
         raise ConfigError(unknown("head of the model", name, model.heads))
@@ -128,7 +138,7 @@ def read_head(model: Model, name: str, clips: GivenClips) -> Any:
         return model.heads[name](ComputedViews.of(model.encoder, *reader.run(x, still, rows)), {})
 
 
-def _need(model: Model, head: str) -> None:
+def _need(model: Parts, head: str) -> None:
     if head not in model.heads:
         raise ConfigError(
             f"{model!r} has no {head} head: pack a run whose objectives include {head} "

@@ -184,10 +184,6 @@ def list_models(
     ]
 
 
-def _can_load(card: cards.Card, weight: cards.Weight) -> bool:
-    return weight.kind == "remote" or store.is_available(card, weight)
-
-
 def _state(card: cards.Card, weight: cards.Weight | None) -> str:
     if weight is None:
         return "recipe"

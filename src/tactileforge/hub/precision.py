@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import torch
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.hub.int8_linear import quantise_linears
-
-if TYPE_CHECKING:
-    from tactileforge.hub.model import Model
+from tactileforge.hub.parts import Parts
 
 Precision = Literal["auto", "float32", "bfloat16", "int8"]
 
 
-def set_precision(model: Model, dtype: str) -> None:
+def set_precision(model: Parts, dtype: str) -> None:
     """Makes a model compute in another type, in place; frames are prepared in float32 in any.
 
     Args:

@@ -15,6 +15,7 @@ from tactileforge.errors import ConfigError
 from tactileforge.hub.file_checks import NO_FIT, check_arguments, own_head
 from tactileforge.hub.files import save_checkpoint, without_folders
 from tactileforge.hub.header import Header
+from tactileforge.hub.parts import Parts
 from tactileforge.hub.store import CARD, WEIGHTS
 from tactileforge.plugins import local, registry
 from tactileforge.util.files import write_text
@@ -23,11 +24,9 @@ from tactileforge.util.licences import NO_LICENCE, check_licence
 if TYPE_CHECKING:
     from torch import nn
 
-    from tactileforge.hub.model import Model
-
 
 def save_model(
-    model: Model,
+    model: Parts,
     path: str | Path,
     *,
     name: str = "",
@@ -41,7 +40,7 @@ def save_model(
     return target
 
 
-def save_folder(model: Model, folder: str | Path, place: str = "FOLDER", **options: Any) -> Path:
+def save_folder(model: Parts, folder: str | Path, place: str = "FOLDER", **options: Any) -> Path:
     """Writes weights and card of a model into a folder; see `Model.save_pretrained`."""
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -55,7 +54,7 @@ def save_folder(model: Model, folder: str | Path, place: str = "FOLDER", **optio
 
 
 def add_head(
-    model: Model, name: str, head: str | type[nn.Module], options: Mapping[str, Any]
+    model: Parts, name: str, head: str | type[nn.Module], options: Mapping[str, Any]
 ) -> nn.Module:
     """Puts a new head beside the encoder of a model; see `Model.add_head`."""
     if name in model.heads:
@@ -80,7 +79,7 @@ def add_head(
 
 
 def push(
-    model: Model, repo: str, *, private: bool = False, message: str = "", **options: Any
+    model: Parts, repo: str, *, private: bool = False, message: str = "", **options: Any
 ) -> str:
     """Puts a model into a repository of the model hub; see `Model.push_to_hub`."""
     from tactileforge.hub.remote import upload
@@ -90,7 +89,7 @@ def push(
         return upload(Path(folder), repo, private=private, message=message or "Weights and card")
 
 
-def described(model: Model, name: str = "", licence: str = "") -> Header:
+def described(model: Parts, name: str = "", licence: str = "") -> Header:
     """The header of a model as it is now: with its lineage, if its weights have changed.
 
     Raises:
@@ -134,7 +133,7 @@ def described(model: Model, name: str = "", licence: str = "") -> Header:
     return replace(header, source={**source, "lineage": lineage})
 
 
-def card_text(model: Model, header: Header, place: str) -> str:
+def card_text(model: Parts, header: Header, place: str) -> str:
     """The card of a model: front matter as the model hub reads it, then what the header says."""
     lineage = header.source.get("lineage", {})
     known = header.licence != NO_LICENCE

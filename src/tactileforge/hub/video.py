@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.cut import clip_rows, clip_step, frame_period
@@ -52,6 +54,31 @@ def stacked(
     """Times and clips, ``size`` at a time, uint8 (B, T, H, W, 3)."""
     while batch := list(islice(clips, size)):
         yield [end for end, _ in batch], np.stack([clip for _, clip in batch])
+
+
+def along_video(
+    video: Frames,
+    clips: Iterator[tuple[float, NDArray[np.uint8]]],
+    background: Any,
+    size: int,
+    read: Callable[[NDArray[np.uint8], Any], Tensor],
+) -> tuple[Times, Tensor]:
+    """Times and readings of a video's clips; only ``size`` clips are in memory at once.
+
+    Args:
+        video: The frames.
+        clips: Its clips, see `cut_clips`.
+        background: A frame, a path or a word, see `still_of`.
+        size: Number of clips that are read at once.
+        read: Reading of a batch of clips, (B, n), from its frames and their background.
+    """
+    still = still_of(video, background)
+    ends: list[float] = []
+    found: list[Tensor] = []
+    for some, batch in stacked(clips, size):
+        ends += some
+        found.append(read(batch, still))
+    return np.array(ends), torch.cat(found)
 
 
 def cut_clips(

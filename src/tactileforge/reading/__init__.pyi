@@ -29,6 +29,7 @@ from tactileforge.reading.layout import without_nulls as without_nulls
 from tactileforge.reading.layout_keys import BackgroundRule as BackgroundRule
 from tactileforge.reading.linked import folders_below as folders_below
 from tactileforge.reading.linked import matches as matches
+from tactileforge.reading.notes import Lines as Lines
 from tactileforge.reading.notes import OptionalKeys as OptionalKeys
 from tactileforge.reading.notes import add_once as add_once
 from tactileforge.reading.official import ALL_FOR_TRAINING as ALL_FOR_TRAINING

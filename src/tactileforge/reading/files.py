@@ -37,7 +37,7 @@ _ENDINGS = {".jpeg": ".jpg", ".tiff": ".tif"}
 
 
 class DamagedFileError(DataError):
-    """Unreadable existing file of a single touch."""
+    """Unusable existing file of a single touch, which is skipped; others are read."""
 
 
 def read_text(path: Path) -> str:

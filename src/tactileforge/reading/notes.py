@@ -3,47 +3,45 @@
 from __future__ import annotations
 
 import re
-from collections import deque
 
 #: Differences between two notes of one kind: numbers, quoted names and paths.
 _DETAILS = re.compile(r"'[^']*'|\S*/\S*|\d[\d.e+-]*")
 
-#: The latest lists of `add_once`, and their lines.
-_KNOWN: deque[tuple[list[str], set[str]]] = deque(maxlen=8)
+
+class Lines(list[str]):
+    """Lines, whose search takes as long in many as in few; for `add_once`."""
+
+    _seen: set[str] | None = None
+
+    def append(self, line: str) -> None:
+        """Adds a line at the end."""
+        super().append(line)
+        if self._seen is not None:
+            self._seen.add(line)
+
+    def __contains__(self, line: object) -> bool:
+        """Whether the line is one of them."""
+        if self._seen is None or len(self._seen) != len(self):  # changed by another method
+            self._seen = set(self)
+        return line in self._seen
 
 
 def add_once(lines: list[str], problem: object) -> None:
     """Adds a problem to a list such as ``skipped``, unless it is there already.
 
     Args:
-        lines: Lines, changed in place.
+        lines: Lines, changed in place; of many, make it `Lines`.
         problem: Error or line, as text.
 
     Example:
-        >>> skipped = []
+        >>> skipped = Lines()
         >>> add_once(skipped, "a.mp4: damaged")
         >>> add_once(skipped, "a.mp4: damaged")
-        >>> len(skipped)
-        1
+        >>> skipped
+        ['a.mp4: damaged']
     """
-    known = _known(lines)
-    if (line := str(problem)) not in known:
-        known.add(line)
+    if (line := str(problem)) not in lines:
         lines.append(line)
-
-
-def _known(lines: list[str]) -> set[str]:
-    """Lines of a list as a set, kept for the latest lists: a list alone takes ever longer."""
-    for kept in _KNOWN:
-        if kept[0] is lines:
-            if len(kept[1]) != len(lines) or not kept[1].issuperset(
-                lines[-1:]
-            ):  # changed elsewhere
-                kept[1].clear()
-                kept[1].update(lines)
-            return kept[1]
-    _KNOWN.append((lines, set(lines)))
-    return _KNOWN[-1][1]
 
 
 class Notes:

@@ -23,7 +23,7 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
 from tactileforge.reading.drawn import Drawn
 from tactileforge.reading.layout_keys import MEDIAN_FRAMES
-from tactileforge.reading.notes import add_once
+from tactileforge.reading.notes import Lines, add_once
 from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
 from tactileforge.reading.splits import is_held_out, one_of_few
 from tactileforge.specs.published import spec
@@ -102,7 +102,7 @@ class PublishedDataset(Drawn, ABC):
         self.split = split
         self.chosen = named[split]
         self.val = val
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
         self.notes: list[str] = []
 
     @abstractmethod

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.align import meeting
 from tactileforge.data.labels.clock import UNITS, date_unit, misfit, seconds_since
 from tactileforge.errors import DataError
+from tactileforge.reading.files import DamagedFileError
 from tactileforge.reading.layout_keys import FrameTable
 
 #: Smallest correlation of force and picture for an alignment by contact, and its smallest fall on
@@ -48,8 +49,8 @@ def on_frames(
             ``start: contact``.
 
     Raises:
-        DataError: The rows do not fit the frames; names a fitting unit or rate. Or no contact tells
-            where they start.
+        DataError: The rows do not fit the frames; names a fitting unit or rate.
+        DamagedFileError: No contact tells where they start.
     """
     assert table.time is not None
     date = date_unit(np.array([float(row) for row in exact]))
@@ -116,7 +117,7 @@ def _by_contact(
             said = "do not change"
         elif met.correlation >= SURE:
             said = "fit at many shifts alike"
-        raise DataError(
+        raise DamagedFileError(  # of this recording: others have a press in them
             f"{where}: start: contact: forces and pictures {said}, which tells no start; give "
             "start: first_row, or the time of the first frame by this clock"
         )

@@ -1,6 +1,7 @@
 """A run goes on with its data in another place, and with no other data."""
 
 import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ from tactileforge import cli
 from tactileforge.runs.folder import read_config
 
 
-def _videos(folder, frames=(30, 34)):
+def _videos(folder, frames=(30, 34), force=0.0):
     folder.mkdir()
     rng = np.random.default_rng(0)
     for number, count in enumerate(frames):
@@ -19,7 +20,10 @@ def _videos(folder, frames=(30, 34)):
         for i in range(count):
             shade = cv2.resize(still, (64, 64)) + np.uint8(i)
             cv2.imwrite(str(folder / f"press_{number}" / f"{i:04d}.png"), shade)
+        rows = "".join(f"{i / 30},0,0,{i / 20 + force}\n" for i in range(count))
+        (folder / f"press_{number}.csv").write_text("t,fx,fy,fz\n" + rows)
     keys = 'images: "*/*.png", each: sequence, sensor: digit, fps: 30, background: {first: 1}'
+    keys += ", force: {file: '{stem}.csv', columns: [fx, fy, fz], times: t}"
     layout = f"layouts:\n  one: {{{keys}}}\n"
     (folder / "tactileforge.yaml").write_text(layout)
 
@@ -50,3 +54,11 @@ def test_the_same_data_elsewhere_and_other_data(tmp_path, capsys, monkeypatch):
     assert "no such key" in capsys.readouterr().err
     # the command before it leaves nothing behind in the process
     assert cli.run(["train", "resume=run", "trainer.max_steps=3"]) == 0
+    assert "the labels of the recordings" not in _log()
+    _videos(tmp_path / "job_5", force=0.1)
+    assert cli.run(["train", "resume=run", "trainer.max_steps=4", "data.root=job_5"]) == 0
+    assert "the labels of the recordings" in _log()
+
+
+def _log():
+    return Path("run/train.log").read_text()

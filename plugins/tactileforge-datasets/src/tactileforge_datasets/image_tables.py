@@ -28,6 +28,7 @@ from tactileforge.reading import (
     ASSUMED_FPS,
     SPLIT_OF_FOLDER,
     Drawn,
+    Lines,
     add_once,
     as_texts,
     check_data_licence,
@@ -127,7 +128,7 @@ class ImageTables(Drawn):
         if licence:
             check_data_licence(licence, "data.licence")
         self.licence = licence
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
         self.notes: list[str] = []
 
     @property

@@ -18,6 +18,7 @@ from tactileforge.errors import ConfigError, DataError, DataNotFoundError, comma
 from tactileforge.plugins import cache_folder
 from tactileforge.reading import (
     Drawn,
+    Lines,
     add_once,
     as_texts,
     check_share,
@@ -75,7 +76,7 @@ class WebDataset(Drawn):
         self.root, self.val = root, val
         self.cache, self.cache_gb = cache, cache_gb
         self.tars, self.val_tars = as_texts(tars), as_texts(val_tars)
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
         self._notes: list[str] = []
         self._unread: Counter[str] = Counter()
 

@@ -89,8 +89,13 @@ def synthetic_clips(encoder: Any, batch: int, size: tuple[int, int]) -> Clips:
     return frames.clamp(0, 255).byte(), still.clamp(0, 255).byte(), sensor
 
 
-def compare_outputs(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) -> Gap:
-    """Compares a graph with the module on batches of several sizes."""
+def compare_outputs(
+    run: Run,
+    encoder: Any,
+    sizes: Sequence[tuple[int, int]],
+    done: Callable[[], object] = lambda: None,
+) -> Gap:
+    """Compares a graph with the module on batches of several sizes; calls ``done`` after each."""
     largest, relative, cosine = 0.0, 0.0, 1.0
     for inputs in _batches(encoder, sizes):
         with torch.no_grad():
@@ -104,6 +109,7 @@ def compare_outputs(run: Run, encoder: Any, sizes: Sequence[tuple[int, int]]) ->
         change = (expected[1] - outputs[1]).norm() / expected[1].norm()
         relative = max(relative, float(change))
         cosine = min(cosine, float(F.cosine_similarity(expected[1], outputs[1]).min()))
+        done()
     return Gap(largest, relative, cosine)
 
 

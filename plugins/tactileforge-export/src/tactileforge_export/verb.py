@@ -59,6 +59,7 @@ def _export(keys: _Export, _: dict[str, Any]) -> None:
         tolerance=keys.tolerance,
         head=keys.head,
         force_unit=keys.force_unit,
+        progress=True,
     )
     megabytes = Path(done.path).stat().st_size / 1e6
     print(f"{done.path}: {megabytes:.1f} MB, differs from the module by {done.error:.2g} at most")

@@ -23,10 +23,10 @@ from tactileforge.hub import (
     fitted_layer,
     read_class_head,
 )
-from tactileforge.plugins import new_part, sync
+from tactileforge.plugins import Bar, new_part, sync
 from tactileforge_export.facts import AXES_OF_FORCE, BACKGROUND, OUTPUTS, Exported, need_onnx
 from tactileforge_export.graph_module import GraphModule, check_float32
-from tactileforge_export.program import ProgramFile, compare_outputs, sizes_of, trace
+from tactileforge_export.program import BATCHES, ProgramFile, compare_outputs, sizes_of, trace
 
 FORMATS = ("onnx", "torch_export")
 
@@ -41,6 +41,7 @@ def export(
     tolerance: float = 1e-4,
     head: str | Path | ClassHead | None = None,
     force_unit: str | None = None,
+    progress: bool = False,
 ) -> Exported:
     """Writes a model as one file, from uint8 frames to tokens, class tokens, forces and classes.
 
@@ -59,6 +60,7 @@ def export(
             names are in the metadata.
         force_unit: The ``unit`` of `Model.force`: None for shares of the force scale, or newtons of
             a model of your own recordings; ``uncalibrated`` for estimated newtons.
+        progress: Whether to draw a bar on stderr.
 
     Raises:
         DataError: The head is not one.
@@ -74,12 +76,16 @@ def export(
     _check(path, format, size, int8, tolerance)
     taken = None if size is None else (size[0], size[1])
     module, facts = _open(model, head, force_unit)
-    with _quiet(), new_part(path) as part:
+    sizes = sizes_of(module, taken, small=format == "onnx")
+    # the graph, its batches, and with int8 the weights and the batches again
+    steps = (1 + len(sizes) * len(BATCHES)) * (1 + int8)
+    bar = Bar(total=steps, desc="export", unit="step", disable=not progress)
+    with bar, _quiet(), new_part(path) as part:
         program = trace(module, taken)
         file = _file(format, program, module.outputs)
         file.save(part)
-        sizes = sizes_of(module, taken, small=format == "onnx")
-        error = compare_outputs(file.load(part), module, sizes).largest
+        bar.update()
+        error = compare_outputs(file.load(part), module, sizes, bar.update).largest
         if not error <= tolerance:
             raise TactileForgeError(
                 f"{path}: the file's outputs differ from the module's by {error:.2g}, more than "
@@ -90,7 +96,8 @@ def export(
         # after the comparison: the float graph is held to the tolerance, int8 weights are not
         if int8:
             file.quantise(part)
-            gap = compare_outputs(file.load(part), module, sizes)
+            bar.update()
+            gap = compare_outputs(file.load(part), module, sizes, bar.update)
             loss = {"relative": gap.relative, "cosine": gap.cosine}
         done = Exported(
             path=str(path),

@@ -6,6 +6,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from hashlib import sha256
 from itertools import count
 from multiprocessing import (
@@ -20,6 +21,7 @@ from typing import Any, TypeVar
 
 import cv2
 import torch
+from numpy.typing import NDArray
 from torch.utils.data import DataLoader
 
 from tactileforge.contracts import Batch
@@ -112,11 +114,16 @@ class Loader(DataLoader[Batch]):
         if any(track.windowed for track in stream.tracks):
             state["workers"] = stream.reader.workers
         else:
-            state["recordings"] = _digest(stream)
+            state["recordings"], state["labels"] = self._digests
         return state
 
+    @cached_property  # the recordings stay, and a checkpoint asks for it each time
+    def _digests(self) -> tuple[str, str]:
+        assert isinstance(self.dataset, Stream)
+        return _digests(self.dataset)
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Compare with the state of an earlier run; warns of other workers and processes.
+        """Compare with the state of an earlier run; warns of other labels, workers and processes.
 
         Raises:
             ConfigError: Anything else has changed; the message has both values.
@@ -130,6 +137,15 @@ class Loader(DataLoader[Batch]):
                     "order have changed), so the run cannot go on with them; give the folder of "
                     "the same data (data.root=), or start a new run from its weights (init=)"
                 )
+            if key == "labels":
+                if before is not None:  # older runs have none
+                    log.warning(
+                        "resume: the labels of the recordings (forces, times, actions, objects, "
+                        "texts or tracks) are not those of the run: it goes on with the new ones, "
+                        "and not to the bit as it would have; with the old ones if you put back "
+                        "their files"
+                    )
+                continue
             if key in _MACHINE:
                 log.warning(
                     "resume: %s were %s and are %s: the run goes on with other batches of the same "
@@ -169,13 +185,22 @@ def _context(workers: int) -> BaseContext | None:
     return context
 
 
-def _digest(stream: Stream) -> str:
-    """Digest of the names and lengths of the recordings that clips are cut from."""
-    known = sha256()
+def _digests(stream: Stream) -> tuple[str, str]:
+    """Digests of the recordings that clips are cut from: names and lengths, and labels."""
+    known, labels = sha256(), sha256()
     for track in stream.tracks:
-        for recording in getattr(track, "clips").recordings:  # noqa: B009
-            known.update(f"{recording.key} {len(recording.frames)}\n".encode())
-    return known.hexdigest()[:16]
+        for one in getattr(track, "clips").recordings:  # noqa: B009
+            known.update(f"{one.key} {len(one.frames)}\n".encode())
+            words = (one.sensor, one.object, one.text, sorted(one.labels.items()), [*one.tracks])
+            labels.update(repr(words).encode("utf-8", "surrogatepass"))
+            for array in (one.times, one.force, one.action, one.image_times, *one.tracks.values()):
+                labels.update(b"-" if array is None else _bytes(array))
+    return known.hexdigest()[:16], labels.hexdigest()[:16]
+
+
+def _bytes(array: NDArray[Any]) -> bytes:
+    plain = array if array.dtype.hasobject is False else array.astype(str)
+    return plain.tobytes()
 
 
 def _identity(batch: T) -> T:
