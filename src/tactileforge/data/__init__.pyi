@@ -27,6 +27,7 @@ from tactileforge.data.frames.image_codecs import CODECS as CODECS
 from tactileforge.data.frames.image_codecs import TAR_BLOCK as TAR_BLOCK
 from tactileforge.data.frames.image_codecs import PackedFrames as PackedFrames
 from tactileforge.data.frames.image_codecs import encode_image as encode_image
+from tactileforge.data.frames.lazy import VIDEO_SUFFIXES as VIDEO_SUFFIXES
 from tactileforge.data.frames.lazy import ArrayFrames as ArrayFrames
 from tactileforge.data.frames.lazy import ImageFrames as ImageFrames
 from tactileforge.data.frames.picture_files import rgb_pixels as rgb_pixels

@@ -18,7 +18,11 @@ from tactileforge.reading.files import read_text as read_text
 from tactileforge.reading.guessed_columns import NamedColumns as NamedColumns
 from tactileforge.reading.guessed_columns import named_columns as named_columns
 from tactileforge.reading.guessed_media import ASSUMED_FPS as ASSUMED_FPS
-from tactileforge.reading.guessed_tables import is_turned as is_turned
+from tactileforge.reading.guessed_media import BACKGROUND as BACKGROUND
+from tactileforge.reading.guessed_numbers import AXES as AXES
+from tactileforge.reading.guessed_numbers import guess_sign as guess_sign
+from tactileforge.reading.guessed_numbers import likely_unit as likely_unit
+from tactileforge.reading.guessed_numbers import time_unit as time_unit
 from tactileforge.reading.layout import DatasetLayout as DatasetLayout
 from tactileforge.reading.layout import as_texts as as_texts
 from tactileforge.reading.layout import check_action as check_action
@@ -46,7 +50,6 @@ from tactileforge.reading.published import still_background as still_background
 from tactileforge.reading.reader import LayoutReader as LayoutReader
 from tactileforge.reading.records import flat as flat
 from tactileforge.reading.sensor_names import guess_sensor as guess_sensor
-from tactileforge.reading.sensor_names import words_of_sensors as words_of_sensors
 from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
 from tactileforge.reading.splits import SPLIT_OF_FOLDER as SPLIT_OF_FOLDER
 from tactileforge.reading.splits import check_share as check_share
@@ -61,9 +64,14 @@ from tactileforge.reading.view_words import COMMANDS as COMMANDS
 from tactileforge.reading.view_words import DERIVED as DERIVED
 from tactileforge.reading.view_words import FINGERS as FINGERS
 from tactileforge.reading.view_words import ROBOT as ROBOT
+from tactileforge.reading.view_words import STILL as STILL
 from tactileforge.reading.view_words import VIEWS as VIEWS
 from tactileforge.reading.view_words import force_of_touch as force_of_touch
+from tactileforge.reading.view_words import says_scene as says_scene
 from tactileforge.reading.view_words import says_touch as says_touch
+from tactileforge.reading.view_words import scene_among as scene_among
+from tactileforge.reading.view_words import touch_among as touch_among
+from tactileforge.reading.view_words import touch_of as touch_of
 from tactileforge.reading.view_words import words_of as words_of
 from tactileforge.reading.vocabulary import NOTIONS as NOTIONS
 from tactileforge.reading.vocabulary import ForceKeys as ForceKeys

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.reading.guessed_media import BACKGROUND, IMAGES, of_endings, open_media, units_of
+from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
+from tactileforge.reading.guessed_media import BACKGROUND, of_endings, open_media, units_of
 from tactileforge.reading.order import name_keys
 from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.table_families import is_for_all, templates
@@ -40,7 +41,8 @@ def guess_background(
         layout: Keys of the files and of their times.
         doubts: Lines, added to.
     """
-    stills = [path for path in of_endings(files, IMAGES) if BACKGROUND.search(path.stem.lower())]
+    pictures = of_endings(files, IMAGE_SUFFIXES)
+    stills = [path for path in pictures if BACKGROUND.search(path.stem.lower())]
     if folder:
         stills = [path for path in stills if _is_of(path.relative_to(root), folder)]
     if stills and (name := _still(root, media, stills, layout)):

@@ -17,6 +17,7 @@ from tactileforge.contracts import Guess
 from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.data.frames.stacks import is_stack
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessed_background import guess_background
@@ -30,7 +31,6 @@ from tactileforge.reading.guessed_labels import (
 from tactileforge.reading.guessed_media import (
     ASSUMED_FPS,
     BACKGROUND,
-    IMAGES,
     VIDEOS,
     of_endings,
     open_media,
@@ -44,8 +44,9 @@ from tactileforge.reading.order import name_keys, name_prefix
 from tactileforge.reading.records import RECORDS, conversion, sheets
 from tactileforge.reading.sensor_names import guess_sensor, named_sensor
 from tactileforge.reading.series import series_of
+from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
-from tactileforge.reading.table_families import SIDES, Units, families, is_for_all, templates
+from tactileforge.reading.table_families import Units, families, is_for_all, templates
 from tactileforge.reading.tiles import Box, tiles
 from tactileforge.reading.trial_rows import RECORDING_WORDS
 from tactileforge.reading.view_words import DERIVED, scenes, words_of
@@ -84,7 +85,7 @@ def guess_layout(root: Path) -> Guess | None:
     found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
-    kinds = [of_endings(files, VIDEOS), stacks(files), of_endings(files, IMAGES)]
+    kinds = [of_endings(files, VIDEOS), stacks(files), of_endings(files, IMAGE_SUFFIXES)]
     shown = [path for kind in kinds for path in kind if not BACKGROUND.search(path.stem.lower())]
     views = scenes(list(dict.fromkeys(shown)), root)
     hidden = {*views}
@@ -148,8 +149,8 @@ def _names_part(stem: str, folder: str) -> bool | None:
     if sensor := named_sensor(folder):
         named = named_sensor(stem)
         return named == sensor if named else None
-    if folder.lower() in SIDES:
-        sides = SIDES.intersection(words_of(stem))
+    if folder.lower() in SIDE_NAMES:
+        sides = SIDE_NAMES & {*words_of(stem)}
         return folder.lower() in sides if sides else None
     return None
 
@@ -161,7 +162,7 @@ def _with_forces_of_sides(
     sides: dict[str, list[Path]] = {}
     for path in media:
         sides.setdefault(path.parent.name, []).append(path)
-    if len(sides) < 2 or not {name.lower() for name in sides} <= SIDES:
+    if len(sides) < 2 or not {name.lower() for name in sides} <= SIDE_NAMES:
         return {}
     layouts = [_layout(root, side, own, files, [], set()) for side, own in sides.items()]
     forces = {str(layout.get("force")) for layout in layouts if "force" in layout}
@@ -205,7 +206,7 @@ def _layout(
     tables.sort(key=lambda path: _names_part(path.stem, folder) is None)
     found = families(tables, units)
     for family in found:
-        family.side = folder.lower() if folder.lower() in SIDES else ""
+        family.side = folder.lower() if folder.lower() in SIDE_NAMES else ""
     told: list[str] = []
     shared, of_shared = guess_shared(found, units, "fps" in layout, told)
     if shared:
@@ -340,7 +341,7 @@ def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]
     for folder, names in several.items():
         is_few = any(len(folders[folder, name]) < 3 for name in names)
         # sides are sensors of one recording, and no recordings
-        if "" in names or is_few or {name.lower() for name in names} <= SIDES:
+        if "" in names or is_few or {name.lower() for name in names} <= SIDE_NAMES:
             return []
     shown = sorted({name for names in several.values() for name in names})
     return [*shown[:2], "others"] if len(shown) > 2 else shown
@@ -521,8 +522,8 @@ def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
     for parts in (parts for parts in units.files if len(parts) > 1):
         # both sides of a trial are one recording of it
         name = PurePath(parts[-1]).stem.lower()
-        of_folder.setdefault(parts[-2], set()).add("" if name in SIDES else name)
-    others = SIDES | SPLIT_OF_FOLDER.keys()
+        of_folder.setdefault(parts[-2], set()).add("" if name in SIDE_NAMES else name)
+    others = SIDE_NAMES | SPLIT_OF_FOLDER.keys()
     if (
         len({*map(len, units.files)}) > 1
         or len({re.sub(r"\d+", "", name) for name in of_folder}) < 2

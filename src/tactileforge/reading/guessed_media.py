@@ -10,13 +10,14 @@ from typing import Any
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.stacks import is_stack, open_film
+from tactileforge.data.frames.video import VIDEO_SUFFIXES
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.table_families import Units
 
-VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
-IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
+#: Endings of films that are taken for data: a gif shows something, and .ts is a program as well.
+VIDEOS = VIDEO_SUFFIXES - {".gif", ".ts"}
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
 ASSUMED_FPS = 30
 BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")

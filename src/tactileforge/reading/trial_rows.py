@@ -9,7 +9,7 @@ from pathlib import PurePosixPath
 from typing import TypeAlias
 from unicodedata import normalize
 
-from tactileforge.reading.series import SIDES
+from tactileforge.reading.sides import SIDE_WORDS
 from tactileforge.reading.trials import trial_of
 from tactileforge.reading.written_names import ENDING, by_ends
 
@@ -166,6 +166,9 @@ def _folders(names: Iterable[str]) -> dict[str, list[str]]:
         and (
             len(inside) == 1
             # each once: those of several takes lie deeper
-            or (len({*sides[folder]}) == len(inside) and all(map(SIDES.fullmatch, sides[folder])))
+            or (
+                len({*sides[folder]}) == len(inside)
+                and all(map(SIDE_WORDS.fullmatch, sides[folder]))
+            )
         )
     }

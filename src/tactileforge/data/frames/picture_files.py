@@ -14,6 +14,8 @@ from tactileforge.errors import DataError
 if TYPE_CHECKING:
     from PIL import Image
 
+#: Endings of files of pictures.
+IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"})
 #: Modes of Pillow with an alpha channel.
 _ALPHA = frozenset({"LA", "La", "PA", "RGBA", "RGBa"})
 #: Tag of the orientation (Exif 2.32, section 4.6.4), and what puts rows and columns upright.
