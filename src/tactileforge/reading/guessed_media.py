@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,10 @@ from tactileforge.data.frames.video import VIDEO_SUFFIXES
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
+from tactileforge.reading.sensor_names import named_sensor
+from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.table_families import Units
+from tactileforge.reading.view_words import words_of
 
 #: Endings of films that are taken for data: a gif shows something, and .ts is a program as well.
 VIDEOS = VIDEO_SUFFIXES - {".gif", ".ts"}
@@ -23,6 +27,53 @@ ASSUMED_FPS = 30
 BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
 #: Largest number of arrays whose headers are read.
 _MOST_ARRAYS = 500
+
+
+@dataclass
+class Part:
+    """Files of a layout: those of one sensor, side or split, and what is guessed of them so far.
+
+    Attributes:
+        root: Folder of the layout.
+        folder: Name of the folder, or word in names, of its files; "" for all files.
+        media: Films or images of touch.
+        files: All files of the root.
+        layout: Keys that are known.
+        doubts: Lines to be checked.
+        read: Tables that are read.
+    """
+
+    root: Path
+    folder: str
+    media: Sequence[Path]
+    files: Sequence[Path]
+    layout: dict[str, Any] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
+    read: set[Path] = field(default_factory=set)
+
+    @property
+    def units(self) -> Units:
+        """The recordings, by the known keys."""
+        return units_of(self.root, self.media, self.layout)
+
+    def forget(self, *keys: str) -> None:
+        """Drops keys that something else tells better, and the lines about them."""
+        self.doubts[:] = [line for line in self.doubts if line.partition(":")[0] not in keys]
+        for key in keys:
+            self.layout.pop(key, None)
+
+    def names_it(self, stem: str) -> bool | None:
+        """Whether a name is of the sensor or side of the folder; None for a name of neither."""
+        if sensor := named_sensor(self.folder):
+            named = named_sensor(stem)
+            return named == sensor if named else None
+        sides = SIDE_NAMES & {*words_of(stem)}
+        return self.side in sides if sides and self.side else None
+
+    @property
+    def side(self) -> str:
+        """Side of the folder, such as ``left``; "" for none."""
+        return self.folder.lower() if self.folder.lower() in SIDE_NAMES else ""
 
 
 def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:

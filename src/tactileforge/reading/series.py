@@ -65,12 +65,12 @@ def names_of(paths: Sequence[Path]) -> str:
         'left_*.png'
     """
     names = [path.name for path in paths]
-    start = _common(names).rstrip("0123456789")
-    end = _common([name[len(start) :][::-1] for name in names])[::-1].lstrip("0123456789")
+    start = common_start(names).rstrip("0123456789")
+    end = common_start([name[len(start) :][::-1] for name in names])[::-1].lstrip("0123456789")
     return f"{start}*{end}" if len(names) > 1 else names[0]
 
 
-def _common(names: Sequence[str]) -> str:
+def common_start(names: Sequence[str]) -> str:
     """The common beginning of all names."""
     first, last = min(names), max(names)
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
