@@ -316,7 +316,7 @@ def test_an_image_that_cannot_be_decoded_is_named(tmp_path):
     ("options", "wanted"),
     [
         ({"preset": "htt", "map": "x.yaml"}, "data.map=FILE.yaml, not both"),
-        ({"preset": "htt", "val": 1.0}, "data.val=1.0; give the held-out share"),
+        ({"preset": "htt", "val": 1.0}, "val is 1.0; give the share that is held out"),
         ({"preset": "htt", "fps": 0}, "give values above 0"),
         ({"preset": "htt", "span": -1.0}, "give values above 0"),
     ],
