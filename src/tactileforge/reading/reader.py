@@ -203,8 +203,8 @@ class LayoutReader:
             table = replace(table, start=started)
         felt_by = [self.layout.sensor, *(tile.sensor for tile in self.layout.crops.values())]
         sensor = self._sensor(next(name for name in felt_by if name), touch)
-        path, note = touch.path(self.folder, table.file), partial(self._doubt, touch)
-        return self._tables.force(table, path, clock, sensor, touch.paths, note, change)
+        note = partial(self._doubt, touch)
+        return self._tables.force(table, touch, note, clock, sensor, change)
 
     def _tracked(self, recording: Recording, touch: LayoutTouch, crop: str) -> Recording:
         keys = self.layout.tracks
@@ -212,14 +212,10 @@ class LayoutReader:
             return recording
         if isinstance(keys, tuple):
             return self._tables.ranged(recording, keys, touch.paths[0])
-        path, note = (
-            touch.path(self.folder, keys.file.replace("{crop}", crop)),
-            partial(self._doubt, touch),
+        file = keys.file.replace("{crop}", crop)
+        return self._tables.tracked(
+            recording, replace(keys, file=file), touch, partial(self._doubt, touch)
         )
-        if path.is_file():
-            return self._tables.tracked(recording, keys, path, touch.paths, note)
-        self._doubt(touch, "has no file of tracks")  # labels by hand grow: said, and no error
-        return recording
 
     def _action(
         self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None
@@ -230,8 +226,7 @@ class LayoutReader:
         if action == "force" and force is not None:
             return label_actions(times, force)
         if isinstance(action, FrameTable):
-            path, note = touch.path(self.folder, action.file), partial(self._doubt, touch)
-            return self._tables.actions(action, path, len(times), touch.paths, note)
+            return self._tables.actions(action, touch, partial(self._doubt, touch), len(times))
         actions = np.full(len(times), -1, np.int64)
         if isinstance(action, str):
             for frame, row in self._rows(touch, action):
