@@ -51,15 +51,15 @@ def check_depth(image: Image.Image, where: str, white: float | None = None) -> N
     Raises:
         DataError: More bits, or colours of a printer.
     """
-    if is_deep_grey(image):
-        if white is None:
+    if image.mode[0] in "IF":
+        if is_deep_grey(image) and white is not None:
+            return
+        if is_deep_grey(image):
             raise DataError(
                 f"{where}: {image.mode} pixels, 16 bits; convert it to 8 bits a channel, or give "
                 "the layout of its folder the value of white: 1023, 4095, 16383 or 65535 (10, 12, "
                 "14 or 16 bits)"
             )
-        return
-    if image.mode[0] in "IF":
         raise DataError(f"{where}: {image.mode} pixels; convert it to 8 bits a channel")
     if _is_deep(image):
         raise DataError(
@@ -149,7 +149,7 @@ def page_pixels(image: Image.Image, where: str, white: float | None = None) -> N
                 "their own; save it without an alpha"
             )
         pixels = np.ascontiguousarray(pixels[..., :3])
-    elif is_deep_grey(image):
+    elif white is not None and is_deep_grey(image):
         pixels = np.repeat(pixels_of(np.asarray(image), white, where)[..., None], 3, axis=2)
     else:
         pixels = np.asarray(image.convert("RGB"))
