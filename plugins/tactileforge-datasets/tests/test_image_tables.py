@@ -161,7 +161,7 @@ def test_two_sensors_and_a_camera(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frames, [picture(trial, n, side) for n in range(COUNT)])
         assert one.image is not None
         np.testing.assert_array_equal(one.image.read([5])[0], picture(trial, 5, 2))
-    assert "camera: wrist is taken for a picture of the scene" in doubts
+    assert "camera: wrist is the view of the scene" in doubts
     data.val = 0.5
     held = {one.key[0] for one in data.recordings("val")}
     assert not held & {one.key[0] for one in data.recordings("train")}

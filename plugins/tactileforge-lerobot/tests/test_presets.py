@@ -113,7 +113,7 @@ def test_pictures_of_touch_are_recognised_by_name(tmp_path: Path, version: str) 
     assert guess.options["touch"] == [LEFT]
     assert guess.options["sensors"] == ["gelsight_mini"]
     assert guess.options["tracks"] == [PRESSURE, WRENCH]
-    assert any(f"the type of {LEFT} is not stated" in doubt for doubt in guess.doubts)
+    assert any("no name tells the type; gelsight_mini" in doubt for doubt in guess.doubts)
     assert any(f"{WRENCH} is a track; units, axes and signs" in doubt for doubt in guess.doubts)
     found = list(LeRobot(**guess.options, val=0).recordings("train"))
     assert len(found) == 2

@@ -27,12 +27,16 @@ from tactileforge.data.frames.image_codecs import CODECS as CODECS
 from tactileforge.data.frames.image_codecs import TAR_BLOCK as TAR_BLOCK
 from tactileforge.data.frames.image_codecs import PackedFrames as PackedFrames
 from tactileforge.data.frames.image_codecs import encode_image as encode_image
+from tactileforge.data.frames.lazy import VIDEO_SUFFIXES as VIDEO_SUFFIXES
 from tactileforge.data.frames.lazy import ArrayFrames as ArrayFrames
 from tactileforge.data.frames.lazy import ImageFrames as ImageFrames
 from tactileforge.data.frames.picture_files import rgb_pixels as rgb_pixels
 from tactileforge.data.frames.picture_files import upright_size as upright_size
 from tactileforge.data.frames.pixel_contract import channel_fix as channel_fix
 from tactileforge.data.frames.pixel_contract import checked_chunks as checked_chunks
+from tactileforge.data.frames.pixel_contract import is_deep as is_deep
+from tactileforge.data.frames.pixel_contract import pixels_of as pixels_of
+from tactileforge.data.frames.pixel_contract import white_of as white_of
 from tactileforge.data.frames.small import ELSEWHERE as ELSEWHERE
 from tactileforge.data.frames.small import SIMILAR as SIMILAR
 from tactileforge.data.frames.small import shrink as shrink

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactileforge.reading.guessed_media import BACKGROUND, IMAGES, of_endings, open_media, units_of
+from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
+from tactileforge.reading.guessed_media import BACKGROUND, Part, of_endings, open_media
 from tactileforge.reading.order import name_keys
 from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.table_families import is_for_all, templates
@@ -22,46 +24,35 @@ _MANY = 10
 _COMPARED = 24
 
 
-def guess_background(
-    root: Path,
-    folder: str,
-    media: Sequence[Path],
-    files: Sequence[Path],
-    layout: Mapping[str, Any],
-    doubts: list[str],
-) -> dict[str, Any]:
+def guess_background(part: Part) -> dict[str, Any]:
     """Guess the key of the background.
 
     Args:
-        root: Folder of the layout.
-        folder: Name of the folder, or word in names, of this layout; "" for all files.
-        media: Films or images of touch.
-        files: All files of the folder.
-        layout: Keys of the files and of their times.
-        doubts: Lines, added to.
+        part: The files, with the keys of them and of their times; gets the lines to be checked.
     """
-    stills = [path for path in of_endings(files, IMAGES) if BACKGROUND.search(path.stem.lower())]
-    if folder:
-        stills = [path for path in stills if _is_of(path.relative_to(root), folder)]
-    if stills and (name := _still(root, media, stills, layout)):
+    pictures = of_endings(part.files, IMAGE_SUFFIXES)
+    stills = [path for path in pictures if BACKGROUND.search(path.stem.lower())]
+    if part.folder:
+        stills = [path for path in stills if _is_of(path.relative_to(part.root), part.folder)]
+    if stills and (name := _still(part, stills)):
         return {"background": {"file": name}}
     if stills:
-        name = stills[0].relative_to(root).as_posix()
-        doubts.append(
+        name = stills[0].relative_to(part.root).as_posix()
+        part.doubts.append(
             f"background: {name} is not of the size and colours of all pictures, and left out"
         )
-    odd = _odd_ones(media) if layout.get("each") == "touch" else []
-    rest = [path for path in media if path not in odd]
-    if odd and (name := _still(root, rest, odd, layout)):
-        doubts.append(
+    if part.layout.get("each") != "touch":
+        part.doubts.append("background: nothing may touch in the first frame of a recording")
+        return {"background": {"first": 1}}
+    odd = _odd_ones(part.media)
+    rest = [path for path in part.media if path not in odd]
+    if odd and (name := _still(replace(part, media=rest), odd)):
+        part.doubts.append(
             f"background: {name}, by its place as the first and by being the only {odd[0].suffix}"
         )
         return {"background": {"file": name}}
-    if layout.get("each") == "touch":
-        doubts.append("background: none was found, so nothing is subtracted")
-        return {"background": "none"}
-    doubts.append("background: nothing may touch in the first frame of a recording")
-    return {"background": {"first": 1}}
+    part.doubts.append("background: none was found, so nothing is subtracted")
+    return {"background": "none"}
 
 
 def _odd_ones(media: Sequence[Path]) -> list[Path]:
@@ -87,22 +78,21 @@ def _is_of(still: Path, folder: str) -> bool:
     return folder in still.parts[:-1] or bool(rest and of_name)
 
 
-def _still(
-    root: Path, media: Sequence[Path], stills: Sequence[Path], layout: Mapping[str, Any]
-) -> str:
+def _still(part: Part, stills: Sequence[Path]) -> str:
     """Path of the background of each recording, with names in braces, or of one for all."""
-    units = units_of(root, media, layout)
+    units = part.units
     for family in templates(stills, units):
         if len(family.files) > 1 and is_for_all(family, units):
-            own = [path for path in media if path.parent == family.files[0].parent]
-            if not own or _fits(family.files[0], own):
+            own = [path for path in part.media if path.parent == family.files[0].parent]
+            if not own or _fits(part, family.files[0], own):
                 return family.template
     shared = min(stills, key=lambda path: len(path.parts))
-    return shared.relative_to(root).as_posix() if _fits(shared, media) else ""
+    return shared.relative_to(part.root).as_posix() if _fits(part, shared, part.media) else ""
 
 
-def _fits(still: Path, media: Sequence[Path]) -> bool:
+def _fits(part: Part, still: Path, media: Sequence[Path]) -> bool:
     """Whether a background has the size of the frames of each folder, and looks alike."""
+    white = part.layout.get("white")
     folders: dict[Path, list[Path]] = {}
     for path in media:
         folders.setdefault(path.parent, []).append(path)
@@ -110,10 +100,11 @@ def _fits(still: Path, media: Sequence[Path]) -> bool:
         path for paths in islice(folders.values(), _COMPARED) for path in (paths[0], paths[-1])
     ]
     shapes = {
-        None if (frames := open_media(path)) is None else frames.shape for path in (still, *looked)
+        None if (frames := open_media(path, white)) is None else frames.shape
+        for path in (still, *looked)
     }
     if len(shapes) > 1 or None in shapes:
         return False
-    pictures = [open_media(path) for path in (still, media[0])]
+    pictures = [open_media(path, white) for path in (still, media[0])]
     base, first = (frames.read([0])[0].astype(np.float32) for frames in pictures if frames)
     return bool(np.median(np.abs(base - first)) < _ANOTHER)

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.clock import after_midnight, clock_number
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
+from tactileforge.reading.guessed_numbers import named_time_unit
+from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.table_families import (
     RECORDING,
-    SIDES,
     Family,
-    apart_by_capitals,
     fits,
 )
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
-from tactileforge.reading.view_words import COMMANDS, ROBOT, words_of
+from tactileforge.reading.view_words import COMMANDS, ROBOT, apart_by_capitals, words_of
 
 #: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
 _BEFORE = r"(?:\S*[./])?"
@@ -49,7 +49,6 @@ _TIME = re.compile(
     r"|t[_ (\[]{1,2}[mun]?s[)\]]?|stamps?|(?:\w+\.)+(?:time)?stamp"
     r"|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
 )
-TIME_UNIT = re.compile(r"(?:^|[_ (\[])([mun]s)[)\]]?$")
 FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
 OBJECT = re.compile(r"obj(?:ect)?(?:[_ ]?(?:name|class|label))?|label|class|name|material|item")
 #: Number of an object, which is its name where no column has that.
@@ -102,11 +101,10 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
     family = Family("", (), rows=[dict.fromkeys(header, "")])
     x, y, z = (family.column(_FORCES[axis]) for axis in "xyz")
     times = time_column(family, "")
-    unit = TIME_UNIT.search(apart_by_capitals(times or "").lower())
     return NamedColumns(
         (x, y, z),
         times,
-        unit[1] if unit else "",
+        named_time_unit(times or ""),
         *map(family.column, (RECORDING, OBJECT, TEXT, SENSOR)),
     )
 
@@ -130,7 +128,7 @@ def _forces_of_one(family: Family) -> list[str | None]:
             plain = apart_by_capitals(title.strip()).lower()
             if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
                 names.setdefault(found[1], [None, None, None])[place] = title
-    if family.side and any(not SIDES.isdisjoint(words_of(name)) for name in names):
+    if family.side and any(not SIDE_NAMES.isdisjoint(words_of(name)) for name in names):
         # of a table of both sides
         names = {name: one for name, one in names.items() if family.side in words_of(name)}
     whole = [one for name, one in names.items() if one[2] and _ELSEWHERE.isdisjoint(words_of(name))]

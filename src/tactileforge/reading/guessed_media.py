@@ -4,24 +4,78 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.stacks import is_stack, open_film
+from tactileforge.data.frames.video import VIDEO_SUFFIXES
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
+from tactileforge.reading.sensor_names import named_sensor
+from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.table_families import Units
+from tactileforge.reading.view_words import DERIVED, says_touch, words_of
 
-VIDEOS = frozenset({".avi", ".mp4", ".mov", ".mkv", ".webm"})
-IMAGES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
+#: Endings of films that are taken for data: a gif shows something, and .ts is a program as well.
+VIDEOS = VIDEO_SUFFIXES - {".gif", ".ts"}
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
 ASSUMED_FPS = 30
 BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
+#: White of 16 bits.
+DEEPEST = 65535
 #: Largest number of arrays whose headers are read.
 _MOST_ARRAYS = 500
+
+
+@dataclass
+class Part:
+    """Files of a layout: those of one sensor, side or split, and what is guessed of them so far.
+
+    Attributes:
+        root: Folder of the layout.
+        folder: Name of the folder, or word in names, of its files; "" for all files.
+        media: Films or images of touch.
+        files: All files of the root.
+        layout: Keys that are known.
+        doubts: Lines to be checked.
+        read: Tables that are read.
+    """
+
+    root: Path
+    folder: str
+    media: Sequence[Path]
+    files: Sequence[Path]
+    layout: dict[str, Any] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
+    read: set[Path] = field(default_factory=set)
+
+    @property
+    def units(self) -> Units:
+        """The recordings, by the known keys."""
+        return units_of(self.root, self.media, self.layout)
+
+    def forget(self, *keys: str) -> None:
+        """Drops keys that something else tells better, and the lines about them."""
+        self.doubts[:] = [line for line in self.doubts if line.partition(":")[0] not in keys]
+        for key in keys:
+            self.layout.pop(key, None)
+
+    def names_it(self, stem: str) -> bool | None:
+        """Whether a name is of the sensor or side of the folder; None for a name of neither."""
+        if sensor := named_sensor(self.folder):
+            named = named_sensor(stem)
+            return named == sensor if named else None
+        sides = SIDE_NAMES & {*words_of(stem)}
+        return self.side in sides if sides and self.side else None
+
+    @property
+    def side(self) -> str:
+        """Side of the folder, such as ``left``; "" for none."""
+        return self.folder.lower() if self.folder.lower() in SIDE_NAMES else ""
 
 
 def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:
@@ -40,7 +94,7 @@ def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Un
     first = next(iter(files.values()))
     if layout.get("recording") == "{prefix}":
         first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
-    frames = open_media(first[0]) if each == "video" else None
+    frames = open_media(first[0], layout.get("white")) if each == "video" else None
     count = len(frames) if frames is not None else len(first)
     own = getattr(frames, "times", None)
     seconds = float(own[-1]) if own is not None else count / layout.get("fps", ASSUMED_FPS)
@@ -61,7 +115,10 @@ def stacks(files: Sequence[Path]) -> list[Path]:
     for path in of_endings(files, {".npy"}):
         # files of one name hold the same
         if path.name not in names and len(names) < _MOST_ARRAYS:
-            names[path.name] = open_media(path) is not None
+            # those of 16 bits may be of anything, such as a depth
+            words = words_of(path.stem)
+            is_touch = says_touch(words) and DERIVED.isdisjoint(words)
+            names[path.name] = open_media(path, DEEPEST if is_touch else None) is not None
         if names.get(path.name):
             found.append(path)
     return found
@@ -72,10 +129,15 @@ def of_endings(files: Sequence[Path], endings: frozenset[str] | set[str]) -> lis
     return [path for path in files if path.suffix.lower() in endings]
 
 
-def open_media(path: Path) -> Frames | None:
-    """Frames of a film, stack or image; None for an unreadable one."""
+def open_media(path: Path, white: float | None = None) -> Frames | None:
+    """Frames of a film, stack or image; None for an unreadable one.
+
+    Args:
+        path: The file.
+        white: Value of white in pictures of 16 bits; None where there are none.
+    """
     is_film = path.suffix.lower() in VIDEOS or is_stack(path)
     try:
-        return open_film(path) if is_film else ImageFrames([path])
+        return open_film(path, white=white) if is_film else ImageFrames([path], white=white)
     except TactileForgeError:
         return None

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
@@ -17,7 +16,6 @@ from tactileforge.reading.guessed_columns import (
     OBJECT,
     SENSOR,
     TEXT,
-    TIME_UNIT,
     counts,
     doubt_key,
     force_columns,
@@ -29,12 +27,17 @@ from tactileforge.reading.guessed_columns import (
     says_no_axis,
     time_column,
 )
+from tactileforge.reading.guessed_numbers import (
+    AXES,
+    guess_sign,
+    likely_unit,
+    named_time_unit,
+)
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
     Units,
-    apart_by_capitals,
     is_for_all,
     recordings,
 )
@@ -44,12 +47,8 @@ from tactileforge.reading.written_names import by_ends
 
 #: Units in names of files: a single letter may be anything there.
 _FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
-#: Ratio of the most negative normal force to the largest from which pressing is negative.
-_PULLING = 3.0
 #: Ratio of durations up to which two clocks have one unit.
 _AS_LONG = 2.5
-#: Largest plausible step of frames, s.
-_SLOW = 2.0
 
 
 def guess_apart(
@@ -143,19 +142,12 @@ def guess_times(
     if by_name:
         keys["key"] = family.key
     date = date_unit(values)
-    unit = "" if date else _step_unit(column, float(np.median(np.diff(values))))
-    if unit:
+    step = float(np.median(np.diff(values)))
+    unit = "" if date else named_time_unit(column) or likely_unit(step)
+    if unit not in ("", "s"):
         keys["unit"] = unit
         doubts[-1] += f", taken for {unit}"
     return {"times": keys}, bool(date)
-
-
-def _step_unit(column: str, step: float) -> str:
-    """Unit of the times of frames, by the name of their column or the step; "" for seconds."""
-    if found := TIME_UNIT.search(apart_by_capitals(column).lower()):
-        return found[1]
-    small = [unit for unit in ("ms", "us", "ns") if step * UNITS[unit] < _SLOW]
-    return "" if step < _SLOW else (small or ["ns"])[0]
 
 
 def guess_force(
@@ -194,10 +186,9 @@ def guess_force(
         table = {"file": family.template, "columns": columns, **clock}
         table |= {} if unit == "N" else {"unit": unit}
         said = "newton" if unit == "N" else unit
-        if columns[2] and is_turned(numbers(family, columns[2])):
-            table["sign"] = [1, 1, -1]
-            doubts.append(f"force: {columns[2]} is negative where it is large, so z is turned")
-        along = "x right, y down, z into the gel, pressing positive"
+        if columns[2]:
+            table |= guess_sign(columns[2], numbers(family, columns[2]), doubts)
+        along = AXES
         if columns[0] is columns[1] is None:
             along = f"{columns[2]} for the normal one, pressing positive; x and y are not known"
         doubts.append(f"force: taken for {said}, {along}")
@@ -241,22 +232,6 @@ def _unit_of_file(stem: str) -> str:
     return named_unit(words[0]) if words else ""
 
 
-def is_turned(force: NDArray[np.float64]) -> bool:
-    """Whether a normal force is largely negative, as pressing never is.
-
-    Args:
-        force: float64 (n,), in any unit; NaN for no value.
-
-    Example:
-        >>> is_turned(np.array([0.1, -5.0])), is_turned(np.array([-0.1, 5.0]))
-        (True, False)
-    """
-    values = force[np.isfinite(force)]
-    return bool(
-        len(values) and values.min() < -_PULLING * max(0.0, float(values.max())) < 0.0
-    ) or bool(len(values) and values.max() <= 0 > values.min())
-
-
 def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
     """Keys of the time or frame of a row of forces; None if unknown."""
     if family.apart:
@@ -292,13 +267,12 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     if date or len(values) < 2:
         return {"times": time}
     span = float(values[-1] - values[0])
-    named = TIME_UNIT.search(apart_by_capitals(time).lower())
     units_that_fit = [
         unit
         for unit, seconds in UNITS.items()
         if 1 / _AS_LONG < span * seconds / max(units.seconds, 1e-9) < _AS_LONG
     ]
-    unit = named[1] if named else [*units_that_fit, "s"][0]
+    unit = named_time_unit(time) or [*units_that_fit, "s"][0]
     if unit == "s":
         return {"times": time}
     doubts.append(f"force: {time} of {family.template} is taken for {unit}")

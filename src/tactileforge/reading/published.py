@@ -18,6 +18,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.crop import check_background_size
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.data.frames.picture_index import PictureIndex
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, home_path, unknown
@@ -28,8 +29,6 @@ from tactileforge.reading.official import ALL_FOR_TRAINING, OfficialSplit
 from tactileforge.reading.splits import is_held_out, one_of_few
 from tactileforge.specs.published import spec
 from tactileforge.util.regular import is_there
-
-_IMAGES = frozenset({".bmp", ".jpeg", ".jpg", ".png"})
 
 
 @dataclass(frozen=True)
@@ -272,7 +271,7 @@ class NumberedImages:
         """File by number, ascending; hidden files and other kinds are left out."""
         paths = {}
         for path in sorted(self.folder.iterdir()) if self.folder.is_dir() else ():
-            wanted = path.suffix.lower() in _IMAGES and not is_companion(Path(path.name))
+            wanted = path.suffix.lower() in IMAGE_SUFFIXES and not is_companion(Path(path.name))
             if wanted and self.named.fullmatch(path.stem):
                 paths[int(re.findall(r"\d+", path.stem)[-1])] = path
         return dict(sorted(paths.items()))

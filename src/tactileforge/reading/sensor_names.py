@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from tactileforge.specs.published import SPECS
+from tactileforge.plugins import names
+from tactileforge.specs.published import SPECS, is_type
 
 #: Types of sensors that have no package, and those that are most like them.
 _FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
@@ -50,9 +51,10 @@ def guess_sensor(
         doubts: Lines, added to.
     """
     words = words_of_sensors(words)
-    # the longest name first: gelsight_mini holds gelsight
-    if named := [name for name in sorted(SPECS, key=len, reverse=True) if name in words]:
-        return {"sensor": named[0]}
+    named = [name for name in SPECS if name in words]
+    named = named or [name for name in names("sensors") if name in words and is_type(name)]
+    if named:
+        return {"sensor": max(named, key=len)}  # gelsight_mini holds gelsight
     height, width = shape()
     if foreign := next((name for name in _FOREIGN if name in words), ""):
         doubts.append(

@@ -8,16 +8,9 @@ from itertools import combinations, pairwise, takewhile
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from tactileforge.reading.sides import SIDE_WORDS
+
 _TOKEN = re.compile(r"\d+|[^\W\d_]+")
-#: Words of one side of several.
-SIDE_WORDS = (
-    *("left", "right", "l", "r", "lh", "rh", "top", "bottom", "upper", "lower", "front", "back"),
-    *("inner", "outer", "thumb", "index", "middle", "ring", "pinky", "little"),
-)
-#: Words of one sensor or camera of several.
-SIDES = re.compile(
-    rf"{'|'.join(SIDE_WORDS)}|finger|leftfinger|rightfinger|lefthand|righthand|palm|wrist"
-)
 #: Words before the number of a sensor or camera, and before that of a take.
 _DEVICE = re.compile(
     r"cam|camera|sensor|finger|gel\w*|digit|d|sn|serial|id|tac\w*|device|ch|channel|port|gripper"
@@ -72,12 +65,12 @@ def names_of(paths: Sequence[Path]) -> str:
         'left_*.png'
     """
     names = [path.name for path in paths]
-    start = _common(names).rstrip("0123456789")
-    end = _common([name[len(start) :][::-1] for name in names])[::-1].lstrip("0123456789")
+    start = common_start(names).rstrip("0123456789")
+    end = common_start([name[len(start) :][::-1] for name in names])[::-1].lstrip("0123456789")
     return f"{start}*{end}" if len(names) > 1 else names[0]
 
 
-def _common(names: Sequence[str]) -> str:
+def common_start(names: Sequence[str]) -> str:
     """The common beginning of all names."""
     first, last = min(names), max(names)
     same = takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
@@ -97,7 +90,7 @@ def _by_place(names: Mapping[int, Sequence[str]]) -> Groups | None:
                 groups.setdefault("_".join(_word(tokens, one) for one in places), []).append(at)
             counts = {at: int(tokens[counter]) for at, tokens in names.items()}
             by_device = all(
-                one in numbers or all(map(SIDES.fullmatch, values[one])) for one in places
+                one in numbers or all(map(SIDE_WORDS.fullmatch, values[one])) for one in places
             )
             if _are_series(groups, counts, by_device):
                 return groups

@@ -13,9 +13,10 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
-from tactileforge.reading.series import SIDE_WORDS
+from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.tables import joined, read_cells
 from tactileforge.reading.trial_rows import RECORDING_WORDS, recordings_of
+from tactileforge.reading.view_words import apart_by_capitals
 from tactileforge.reading.written_names import ENDING, is_absolute, moved_path
 
 Cells: TypeAlias = Sequence[Mapping[str, str]]
@@ -34,12 +35,8 @@ _ID = re.compile(r"id|idx|index|number|no|nr")
 _PART = re.compile(r"\d+(?:\.0+)?|\d+(?:[-_:]\d+)+|.*[^\W\d_].*")
 #: Columns that may name recordings together, and the share of their rows that must.
 _MOST_COLUMNS, _MOST_PART = 5, 0.5
-#: A capital that begins a word behind another.
-_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 #: Marks between the names of a folder and of a recording in it, in the name of a table.
 _MARKS = "_-."
-#: Names of several sensors of one touch.
-SIDES = frozenset((*SIDE_WORDS, "up", "down", "first", "second", "a", "b"))
 
 
 @dataclass(frozen=True)
@@ -116,16 +113,6 @@ def fits(pattern: re.Pattern[str], title: str) -> bool:
     """
     title = title.strip()
     return any(pattern.fullmatch(one.lower()) for one in (title, apart_by_capitals(title)))
-
-
-def apart_by_capitals(name: str) -> str:
-    """Put ``_`` before each capital inside a name.
-
-    Example:
-        >>> apart_by_capitals("ForceTorqueData"), apart_by_capitals("left_img")
-        ('Force_Torque_Data', 'left_img')
-    """
-    return _CAPITAL.sub("_", name)
 
 
 def templates(files: Sequence[Path], units: Units) -> list[Family]:
@@ -293,7 +280,7 @@ def is_for_all(family: Family, units: Units) -> bool:
     if family.is_own:
         return all(_filled(family, units))
     names = {PurePath(unit[-1]).stem.lower() for unit in units.files if unit}
-    return bool(family.key or family.apart) or len(units.files) == 1 or names <= SIDES
+    return bool(family.key or family.apart) or len(units.files) == 1 or names <= SIDE_NAMES
 
 
 def recordings(units: Units) -> list[str]:

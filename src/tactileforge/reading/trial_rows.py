@@ -9,12 +9,12 @@ from pathlib import PurePosixPath
 from typing import TypeAlias
 from unicodedata import normalize
 
-from tactileforge.reading.series import SIDES
+from tactileforge.reading.sides import SIDE_WORDS
+from tactileforge.reading.text_tables import is_number
 from tactileforge.reading.trials import trial_of
 from tactileforge.reading.written_names import ENDING, by_ends
 
 _NUMBERED = re.compile(r".*?(\d+)")
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"\d+|[^\W\d_]+")
 #: Words for a recording, in names and in headers of columns.
 RECORDING_WORDS = (
@@ -61,7 +61,7 @@ def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, Se
     }
     if not all(map(str.isdecimal, written)):
         for cell in written:
-            is_words = cell not in told and _NUMBER.fullmatch(cell) is None
+            is_words = cell not in told and not is_number(cell)
             if is_words and (members := _by_words(cell, tuple(names))):
                 told[cell] = members
         return told
@@ -166,6 +166,9 @@ def _folders(names: Iterable[str]) -> dict[str, list[str]]:
         and (
             len(inside) == 1
             # each once: those of several takes lie deeper
-            or (len({*sides[folder]}) == len(inside) and all(map(SIDES.fullmatch, sides[folder])))
+            or (
+                len({*sides[folder]}) == len(inside)
+                and all(map(SIDE_WORDS.fullmatch, sides[folder]))
+            )
         )
     }

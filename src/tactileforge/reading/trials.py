@@ -6,13 +6,15 @@ import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from tactileforge.reading.series import SIDES
+from tactileforge.reading.sides import SIDE_WORDS
 from tactileforge.specs.published import SPECS
 
 #: Beginning and end of a word in a name.
 _BEGIN, _END = r"(?<![^\W\d_])", r"(?![^\W\d_])"
 # a finger with a number is a device: without its word, the number would join the one before
-_SIDE = re.compile(rf"[-_. ]?{_BEGIN}(?!finger[-_. ]?\d)(?:{SIDES.pattern}){_END}", re.IGNORECASE)
+_SIDE = re.compile(
+    rf"[-_. ]?{_BEGIN}(?!finger[-_. ]?\d)(?:{SIDE_WORDS.pattern}){_END}", re.IGNORECASE
+)
 _REPEAT = re.compile(
     rf"[-_. ]?{_BEGIN}(?:rep|repeat|repetition|try|attempt)[-_. ]?\d+", re.IGNORECASE
 )

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from tactileforge.reading.table_families import apart_by_capitals
+from tactileforge.reading.sides import SIDES
 
+#: A capital that begins a word behind another.
+_CAPITAL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 #: Parts of words that mean touch, and whole words that do.
 _TOUCH_PARTS = (
-    *("tactile", "touch", "gelsight", "gelslim", "taxel", "tactip", "tacto", "dtact", "dmtac"),
-    *("mctac", "xense", "daimon", "skin", "flexitac", "gsmini", "duragel", "papillarray"),
+    *(
+        "tactile",
+        "touch",
+        "gelsight",
+        "gelslim",
+        "taxel",
+        "tactip",
+        "tacto",
+        "taxim",
+        "dtact",
+        "dmtac",
+    ),
+    *("taxim", "mctac", "xense", "daimon", "skin", "flexitac", "gsmini", "duragel", "papillarray"),
 )
 _TOUCH = {"digit", "digits", "tac", "tacs", "gel", "gels", "gs", "xela", "paxini", "fingertip"}
 #: Words of fingers, whose pictures are touch where nothing else says touch.
@@ -24,8 +37,8 @@ ROBOT = {
 }
 #: Words of what is aimed at, and not measured.
 COMMANDS = {"cmd", "command", "action", "desired", "des", "target", "goal", "ref", "limit"}
-#: Short words of sides.
-_SIDES = {"l": "left", "r": "right", "lf": "left", "rf": "right"}
+#: Words of pictures without contact.
+STILL = {"reference", "ref", "background", "bg", "baseline"}
 #: Words of pictures that are computed from others.
 DERIVED = {
     *("depth", "flow", "mask", "masks", "seg", "segmentation", "marker", "markers", "diff"),
@@ -34,6 +47,10 @@ DERIVED = {
 }
 #: Words of views of a scene.
 VIEWS = {"camera", "cameras", "cam", "image", "images", "img", "imgs", "rgb", "view", "views"}
+#: Words of the view of a scene that is taken before others.
+_FIRST_VIEWS = ("front", "agentview", "scene", "external", "top", "high", "main", "third", "head")
+#: Words of views of a scene that say so without others.
+_CAMERAS = {*_FIRST_VIEWS, "wrist", "camera", "cameras", "cam", "view"}
 #: Words that no picture of touch has, whatever the others are called.
 _SCENE = {
     *("webcam", "realsense", "kinect", "gopro", "agentview", "thirdperson", "orbbec"),
@@ -42,14 +59,19 @@ _SCENE = {
 #: The same for folders of images, without markers: those may be on the gel itself.
 _COMPUTED = DERIVED - {"marker", "markers"}
 #: Words of a view of a scene beside pictures that are called touch.
-_BESIDE = VIEWS | _COMPUTED | {"color", "colour", "vision", "visual", "wrist", "third", "front"}
-_BESIDE |= {"side", "top", "eye", "hand", "robot", "head", "scene", "external", "overhead", "zed"}
+_BESIDE = VIEWS | _COMPUTED | {"color", "colour", "vision", "visual", "wrist"}
+_BESIDE |= {*_FIRST_VIEWS, "side", "eye", "hand", "robot", "overhead", "zed"}
 
 
 def says_touch(words: Sequence[str]) -> bool:
     """Whether words of a name say touch."""
     parts = any(part in word for part in _TOUCH_PARTS for word in words)
     return parts or not _TOUCH.isdisjoint(words)
+
+
+def says_scene(words: Sequence[str]) -> bool:
+    """Whether words of a name say the view of a scene."""
+    return not _SCENE.isdisjoint(words) or not _CAMERAS.isdisjoint(words)
 
 
 def words_of(name: str) -> tuple[str, ...]:
@@ -62,14 +84,88 @@ def words_of(name: str) -> tuple[str, ...]:
     return tuple(re.findall(r"[a-z]+|\d+", apart_by_capitals(name).lower()))
 
 
+def apart_by_capitals(name: str) -> str:
+    """Put ``_`` before each capital inside a name.
+
+    Example:
+        >>> apart_by_capitals("ForceTorqueData"), apart_by_capitals("left_img")
+        ('Force_Torque_Data', 'left_img')
+    """
+    return _CAPITAL.sub("_", name)
+
+
+def touch_among(pictures: Sequence[str]) -> list[str]:
+    """Pictures of touch by their names: the captured ones of those called so, or else of fingers.
+
+    Args:
+        pictures: Names of keys, features or topics of pictures.
+
+    Example:
+        >>> touch_among(["rgb", "tactile/raw", "tactile/depth"]), touch_among(["rgb", "thumb"])
+        (['tactile/raw'], ['thumb'])
+    """
+    words = {name: words_of(name) for name in pictures}
+    touch = [name for name in pictures if says_touch(words[name])]
+    fingers = [name for name in pictures if not FINGERS.isdisjoint(words[name])]
+    for called in (touch, fingers):
+        for others in (DERIVED | STILL, STILL | {"next"}):
+            if found := [name for name in called if others.isdisjoint(words[name])]:
+                return found
+    return []
+
+
+def scene_among(pictures: Iterable[str]) -> str:
+    """The view of the scene by the names of pictures, a fixed one first; "" for none.
+
+    Args:
+        pictures: Names of keys, features or topics of pictures; those of touch are passed over.
+
+    Example:
+        >>> scene_among(["tactile", "wrist_rgb", "front_rgb", "front_depth"])
+        'front_rgb'
+    """
+    words = {name: words_of(name) for name in pictures}
+    views = [
+        name
+        for name, own in words.items()
+        if (DERIVED | STILL).isdisjoint(own) and not says_touch(own)
+    ]
+    first = (name for word in _FIRST_VIEWS for name in views if word in words[name])
+    return next(first, views[0] if views else "")
+
+
+def touch_of(name: str, touch: Sequence[str]) -> list[str]:
+    """The touch that has the telling words of a name; all for a name without any.
+
+    Args:
+        name: Name of a force, a time or another value.
+        touch: Names of keys, features or topics of touch.
+
+    Example:
+        >>> touch_of("l_force", ["left/digit", "right/digit"]), touch_of("force", ["left/digit"])
+        (['left/digit'], ['left/digit'])
+    """
+    words = {one: _sided(one) for one in touch}
+    telling = {*SIDES.values()}
+    if len(words) > 1:
+        owns = [*words.values()]
+        telling = set[str]().union(*owns) - owns[0].intersection(*owns)
+    return [one for one in touch if _sided(name) & telling <= words[one]]
+
+
+def _sided(name: str) -> set[str]:
+    """Words of a name, those of a side by its usual word."""
+    return {SIDES.get(word, word) for word in words_of(name)}
+
+
 def force_of_touch(
     touch: Sequence[str], forces: Sequence[str], *, only: bool = True
 ) -> dict[str, str]:
     """Name the force on the gel of each touch, if names leave no choice.
 
     A force of the robot's body (`ROBOT`), or one that is aimed at (`COMMANDS`), is none, unless its
-    touch has the same word. A touch has the one force that shares a word with it and with no other
-    touch, such as ``left``.
+    touch has the same word. A touch has the one force that shares a telling word with it, such as
+    ``left``.
 
     Args:
         touch: Names of keys, features or topics of touch.
@@ -85,18 +181,21 @@ def force_of_touch(
         >>> force_of_touch(["left/digit", "right/digit"], ["r_force", "l_force"])
         {'left/digit': 'l_force', 'right/digit': 'r_force'}
     """
-    words = {name: {_SIDES.get(word, word) for word in words_of(name)} for name in touch}
-    said = {name: {_SIDES.get(word, word) for word in words_of(name)} for name in forces}
+    words = {name: _sided(name) for name in touch}
     shared = set.intersection(*words.values()) if len(words) > 1 else set()
     out: dict[str, str] = {}
     for name, own in words.items():
-        others = set().union(*(words[one] - shared for one in words if one != name)) - own
-        fits = [one for one in forces if not said[one] & ((ROBOT | COMMANDS) - own | others)]
-        alike = [one for one in fits if said[one] & (own - shared - VIEWS)]
-        chosen = alike or (fits if only and len(touch) == 1 else [])
+        elsewhere = (ROBOT | COMMANDS) - own
+        fits = [
+            one
+            for one in forces
+            if touch_of(one, touch) == [name] and elsewhere.isdisjoint(_sided(one))
+        ]
+        alike = [one for one in fits if _sided(one) & (own - shared - VIEWS)]
+        chosen = alike or (fits if only else [])
         if len(chosen) == 1:
             out[name] = chosen[0]
-    return out if len({*out.values()}) == len(out) else {}
+    return out
 
 
 def scenes(paths: Sequence[Path], root: Path) -> list[Path]:

@@ -112,11 +112,11 @@ def spec(name: str, *also: str) -> SensorSpec:
         "Correct the name, install the sensor's plugin, or describe yours: "
         "tactileforge plugins new sensor NAME"
     )
-    types = filter(_is_type, registry.names("sensors"))
+    types = filter(is_type, registry.names("sensors"))
     raise ConfigError(unknown("sensor", name, {*SPECS, *types, *also}, fix))
 
 
-def _is_type(name: str) -> bool:
+def is_type(name: str) -> bool:
     """Whether a plugin is a type of sensor, not a way to open one of any type, as ``replay`` is."""
     try:
         plugin = registry.get("sensors", name)

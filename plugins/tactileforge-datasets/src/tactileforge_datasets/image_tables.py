@@ -26,6 +26,7 @@ from tactileforge.data import (
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError, check_names, home_path
 from tactileforge.reading import (
     ASSUMED_FPS,
+    AXES,
     SPLIT_OF_FOLDER,
     Drawn,
     Lines,
@@ -39,10 +40,11 @@ from tactileforge.reading import (
     held_out_names,
     matches,
     named_columns,
+    scene_among,
+    touch_among,
 )
 from tactileforge_datasets import arrow_files
 
-_TOUCH = re.compile(r"tactile|touch|gel(?!d)|digit|tacto|taxim|finger", re.IGNORECASE)
 #: In place of the column that tells recordings apart, where each file is one.
 _OF_FILE = "{file}"
 #: Name of a part of a table that was written in parts.
@@ -289,7 +291,7 @@ class ImageTables(Drawn):
         images = arrow_files.image_columns(schema)
         if not images:
             return None
-        touch = images if len(images) == 1 else [name for name in images if _TOUCH.search(name)]
+        touch = images if len(images) == 1 else touch_among(images)
         if not touch:
             raise DataError(
                 f"{files[0]}: images in {', '.join(images)}; say which are touch: "
@@ -335,9 +337,9 @@ def _guess(
     if found.sensor and found.sensor not in touch:
         options["sensor"] = f"{{{found.sensor}}}"
         doubts[:] = [line for line in doubts if not line.startswith("sensor:")]
-    if others:
-        options["camera"] = others[0]
-        doubts.append(f"camera: {others[0]} is taken for a picture of the scene")
+    if view := scene_among(others):
+        options["camera"] = view
+        doubts.append(f"camera: {view} is the view of the scene")
     if found.recording:
         options["recording"] = found.recording
         options["background"] = "first"
@@ -357,7 +359,7 @@ def _guess(
         doubts.append(f"fps: {ASSUMED_FPS} is assumed, no column tells times")
     if found.force[2]:
         options["force"] = [*found.force]
-        doubts.append("force: taken for newton, x right, y down, z into the gel, pressing positive")
+        doubts.append(f"force: taken for newton, {AXES}")
     for name in ("object", "text"):
         column = getattr(found, name)
         if column and column not in (found.recording, found.sensor):

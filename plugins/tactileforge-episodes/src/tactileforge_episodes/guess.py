@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
 from tactileforge.reading import words_of
 from tactileforge_episodes.find import find_files, path_values
-from tactileforge_episodes.guessed_map import MapGuess, listed
+from tactileforge_episodes.guessed_arrays import listed
+from tactileforge_episodes.guessed_map import guess_map
 from tactileforge_episodes.looks import Look
 from tactileforge_episodes.map_files import preset_names, read_preset
 from tactileforge_episodes.map_keys import EpisodeMap
@@ -63,21 +65,27 @@ def _recognise(root: Path, places: Sequence[Place]) -> Guess | None:
 
 def _guess_map(root: Path, places: Sequence[Place], touch: Sequence[str]) -> Guess:
     """A map of the first file with touch by its names, and of others of its kind."""
-    found: list[tuple[Place, MapGuess]] = []
+    found: list[tuple[Place, dict[str, Any]]] = []
     failed: list[DataError] = []
     for place in places:
         if not found or place.kind == found[0][0].kind:
             try:
-                one = MapGuess(open_place(place), _shown(root, place), root, touch)
+                keys = guess_map(open_place(place), _shown(root, place), root, touch)
             except DataError as error:
                 failed.append(error)
             else:
-                found.append((place, one))
+                found.append((place, keys))
     if not found:
         raise failed[0]
-    kind, keys = found[0][0].kind, found[0][1].keys
-    for _, one in found[1:]:
-        found[0][1].add(one)
+    kind, keys = found[0][0].kind, found[0][1]
+    for _, other in found[1:]:
+        # touch of other files alone
+        known = [{one[name] for one in keys["touch"]} for name in ("array", "finger")]
+        keys["touch"] += [
+            one
+            for one in other["touch"]
+            if one["array"] not in known[0] and one["finger"] not in known[1]
+        ]
     drawn = all("taxels" in one for one in keys["touch"])
     streams = ", ".join(one["finger"] for one in keys["touch"])
     return Guess(

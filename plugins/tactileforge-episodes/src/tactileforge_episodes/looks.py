@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactileforge.data import UNITS
-from tactileforge.reading import Facts, Values
+from tactileforge.data import is_deep, white_of
+from tactileforge.reading import DERIVED, Facts, Values, says_touch
 
-#: Words of pictures without contact.
-STILL = {"reference", "ref", "background", "bg", "baseline"}
 #: Begins of encoded images: JPEG, PNG, WebP, BMP, TIFF, JPEG XL.
 _IMAGES = (
     *(b"\xff\xd8\xff", b"\x89PNG", b"RIFF", b"BM", b"II*\0", b"MM\0*"),
@@ -21,21 +18,10 @@ _IMAGES = (
 )
 #: Fewest pixels of a side of pictures of bytes, and of those of fractions or without channels.
 _SIDE, _LONG_SIDE = 8, 16
+#: Fewest pixels of a side of pictures of 16 bits: smaller ones are numbers of taxels.
+_DEEP_SIDE = 64
 #: Most sensors along the second axis of an array.
 _PADS = 16
-#: Words of units of time.
-_UNIT_WORDS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "msecs", "millis", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "usecs", "micros", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanoseconds"), "ns"),
-}
-#: Seconds since 1970 of the years 2001 and 2103.
-_DATES = 1e9, 4.2e9
-#: Plausible rates, rows a second: no two units of time fit one step.
-_RATES = 2.0, 500.0
-#: Share of the steps that rise in times, of which a few may be damaged.
-_RISING = 0.99
 
 
 class Arrays(Protocol):
@@ -89,6 +75,9 @@ def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
         DataError: It is damaged.
     """
     dtype, width = look.facts.dtype, look.width
+    if is_deep(dtype):
+        is_touch = says_touch(look.words) and not look.has(DERIVED)
+        return deep_keys(file, look) if is_touch else None
     if not look.facts.rows or not look.facts.shape:
         return None
     if (dtype == np.uint8 and len(width) == 1) or (dtype.kind in "SO" and not width):
@@ -110,6 +99,25 @@ def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
     if not 0 <= low <= high <= 255:
         return None
     return {**found, "white": 255.0 if high > 1 else 1.0}
+
+
+def deep_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
+    """Keys of a map to read an array of 16 bits as pictures; None for taxels and other values.
+
+    Args:
+        file: The container or episode.
+        look: The array.
+
+    Raises:
+        DataError: It is damaged.
+    """
+    found = _axes(look.width, _DEEP_SIDE)
+    if found is None and len(look.width) == 2 and min(look.width) >= _DEEP_SIDE:
+        found = {"axes": "hw"}
+    if found is None or not look.facts.rows:
+        return None
+    most = int(file.array(look.key).rows(_some(look.facts.rows)).max())
+    return {**found, "white": white_of(most)}
 
 
 def _axes(width: Sequence[int], least: int) -> dict[str, Any] | None:
@@ -150,37 +158,3 @@ def taxel_keys(look: Look) -> dict[str, Any] | None:
     if len(width) in (3, 4) and width[0] <= _PADS:
         return {"taxels": {"form": "grid"}, "pads": True}
     return None
-
-
-def time_unit(name: Sequence[str], values: NDArray[Any]) -> tuple[str, str]:
-    """Unit of times, and the reason for it; "" for other values.
-
-    Args:
-        name: Words of the name of the array.
-        values: Times of an episode, (T,).
-
-    Raises:
-        ValueError: The name says another unit than the values.
-
-    Example:
-        >>> time_unit(["t", "ms"], np.arange(3) * 33)
-        ('ms', 'as its name says')
-    """
-    steps = np.diff(values.astype(np.float64) if values.dtype.kind == "u" else values)
-    if len(steps) < 1 or not np.isfinite(values).all() or (steps > 0).mean() < _RISING:
-        return "", "its values do not rise"
-    low, high, step = float(values.min()), float(values.max()), float(np.median(steps))
-    dates = [u for u, s in UNITS.items() if _DATES[0] <= low * s <= high * s < _DATES[1]]
-    named = _UNIT_WORDS.get(name[-1], "") if name else ""
-    if dates and named and named != dates[0]:
-        raise ValueError(f"its name says {named}, and its values are dates in {dates[0]}")
-    if named:
-        return named, "as its name says"
-    if dates:
-        return dates[0], "its values are dates since 1970"
-    if values.dtype.kind in "iu" and step == 1:
-        return "frames", "its values count"
-    for unit, seconds in UNITS.items():
-        if _RATES[0] <= 1 / (step * seconds) < _RATES[1]:
-            return unit, f"a step of {step:.4g} makes {1 / (step * seconds):.4g} rows a second"
-    return "", f"its unit is not known (a step of {step:.4g})"

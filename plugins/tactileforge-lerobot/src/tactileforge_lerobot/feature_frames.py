@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset
-from tactileforge.data import EncodedFrames, LazyImages, VideoFrames
+from tactileforge.data import VIDEO_SUFFIXES, EncodedFrames, LazyImages, VideoFrames
 from tactileforge.errors import DataError
 from tactileforge.sensors import TaxelLayout
 from tactileforge_lerobot.deep import DeepPart, DeepVideo, form_of
@@ -23,8 +23,6 @@ from tactileforge_lerobot.rows import EpisodeRows
 
 #: Most numbers of a frame that are kept as a track beside their picture.
 _TRACK = 4096
-#: Suffixes of videos in data sets whose info file names another.
-_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
 
 
 @dataclass(frozen=True)
@@ -189,7 +187,7 @@ class Pictures:
         """The video, by its real suffix: Daimon's are named .mp4 and are .mov."""
         if path.is_file():
             return path
-        for suffix in _SUFFIXES:
+        for suffix in sorted(VIDEO_SUFFIXES):
             other = path.with_suffix(suffix)
             if other.is_file():
                 return inside(self.root, str(other.relative_to(self.root)), str(path))

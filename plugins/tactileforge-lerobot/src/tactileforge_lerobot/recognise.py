@@ -7,15 +7,17 @@ from typing import Any
 
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
-from tactileforge.plugins import names
-from tactileforge.reading import DERIVED, force_of_touch, read_regular, words_of, words_of_sensors
-from tactileforge.specs import SPECS
+from tactileforge.reading import (
+    force_of_touch,
+    guess_sensor,
+    read_regular,
+    scene_among,
+    touch_among,
+    words_of,
+)
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
-from tactileforge_lerobot.sets import find_sets, touch_numbers, touch_pictures, wrenches
-
-#: Sensors that stand in where a name says nothing, of pictures and of numbers.
-_PICTURES, _NUMBERS = "gelsight_mini", "serial_array"
+from tactileforge_lerobot.sets import find_sets, touch_numbers, wrenches
 
 
 def recognise(root: Path) -> Guess | None:
@@ -61,7 +63,7 @@ def _guess(root: Path, place: Path, count: int) -> Guess | None:
 
 def _touch(info: Info, options: dict[str, Any]) -> list[str]:
     """Fills in the touch features, and returns doubts about them."""
-    pictures, numbers = touch_pictures(info), touch_numbers(info)
+    pictures, numbers = touch_among(info.pictures()), touch_numbers(info)
     touch = pictures or numbers
     if not touch:
         return [
@@ -69,7 +71,7 @@ def _touch(info: Info, options: dict[str, Any]) -> list[str]:
             f"{', '.join(info.pictures()) or 'none'}"
         ]
     doubts: list[str] = []
-    sensors = [_sensor(name, _PICTURES if pictures else _NUMBERS, doubts) for name in touch]
+    sensors = [_sensor(info, name, doubts) if pictures else "serial_array" for name in touch]
     options |= {"touch": touch, "sensors": sensors, "background": "first"}
     doubts.append("background: the first frame of an episode is taken to be without contact")
     if not pictures:
@@ -78,10 +80,9 @@ def _touch(info: Info, options: dict[str, Any]) -> list[str]:
             "span: the change drawn as full color is not stated; 1.0 stands in, in units of the "
             "feature"
         )
-    views = [name for name in info.pictures() if name not in touch]
-    if views := [name for name in views if DERIVED.isdisjoint(words_of(name))]:
-        options["camera"] = views[0]
-        doubts.append(f"camera: {views[0]} is the view of the scene")
+    if view := scene_among(name for name in info.pictures() if name not in touch):
+        options["camera"] = view
+        doubts.append(f"camera: {view} is the view of the scene")
     force = _force(info, touch, options, doubts)
     tracks = [name for name in (*numbers, *wrenches(info)) if name not in (*touch, *force)]
     if tracks:
@@ -138,16 +139,13 @@ def _is_axis(words: tuple[str, ...], axis: str) -> bool:
     return f"f{axis}" in words or axis in words
 
 
-def _sensor(name: str, otherwise: str, doubts: list[str]) -> str:
-    """Type of sensor by the words of a name."""
-    plain = words_of_sensors(name)
-    for sensor in sorted({*SPECS, *names("sensors")} - {"dm", "sim"}, key=len, reverse=True):
-        if sensor in plain:
-            return sensor
-    doubts.append(
-        f"sensors: the type of {name} is not stated; {otherwise} stands in, for its force scale"
-    )
-    return otherwise
+def _sensor(info: Info, name: str, doubts: list[str]) -> str:
+    """Type of the sensor of pictures, by their name or shape."""
+    lines: list[str] = []
+    height, width = [size for size in info.features[name]["shape"] if size > 4][:2] or (1, 1)
+    sensor = guess_sensor(name, lambda: (height, width), lines)["sensor"]
+    doubts += [f"{line} ({name})" for line in lines]
+    return str(sensor)
 
 
 def _numeric(info: Info, touch: list[str]) -> dict[str, Any]:

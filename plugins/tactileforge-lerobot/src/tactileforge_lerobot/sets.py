@@ -7,7 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from tactileforge.reading import DERIVED, FINGERS, says_touch, words_of
+from tactileforge.reading import FINGERS, says_touch, words_of
 from tactileforge_lerobot import folder
 from tactileforge_lerobot.info import Info
 
@@ -57,14 +57,6 @@ def expanded(names: Sequence[str], features: Sequence[str]) -> list[str]:
         found = [one for one in features if fnmatchcase(one, name)] if "*" in name else []
         out += found or [name]
     return out
-
-
-def touch_pictures(info: Info) -> list[str]:
-    """Names of picture features of touch: the captured ones of those called so, or of fingers."""
-    words = {name: words_of(name) for name in info.pictures()}
-    called = [name for name in words if says_touch(words[name])]
-    called = called or [name for name in words if not FINGERS.isdisjoint(words[name])]
-    return [name for name in called if DERIVED.isdisjoint(words[name])] or called
 
 
 def touch_numbers(info: Info) -> list[str]:

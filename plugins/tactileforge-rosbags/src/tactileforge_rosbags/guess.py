@@ -12,13 +12,12 @@ import numpy as np
 from tactileforge.contracts import Guess
 from tactileforge.errors import DataError
 from tactileforge.reading import (
-    DERIVED,
-    FINGERS,
+    AXES,
     force_of_touch,
     guess_sensor,
-    is_turned,
-    says_touch,
-    words_of,
+    guess_sign,
+    scene_among,
+    touch_among,
 )
 from tactileforge_rosbags.bags import Bag, find_bags
 from tactileforge_rosbags.series import placed
@@ -42,7 +41,7 @@ def guess(root: Path) -> Guess | None:
         pictures = _pictures(bag)
     except (DataError, OSError):
         return None
-    topics = _touch(pictures)
+    topics = touch_among(pictures)
     if not topics:
         doubts = ["no topic is called touch: say which is, data.topics={TOPIC: SENSOR}"]
         return _guess({"root": str(root), "topics": {}}, doubts)
@@ -50,10 +49,10 @@ def guess(root: Path) -> Guess | None:
     touch = [_sensor(bag, topic, doubts) for topic in topics]
     options: dict[str, Any] = {"touch": touch}
     rest = [name for name in pictures if name not in topics]
-    if views := [name for name in rest if DERIVED.isdisjoint(words_of(name))]:
-        doubts.append(f"camera: {views[0]} is the view of the scene")
-        options["camera"] = {"topic": f"{views[0]}?"}
-    if left := [name for name in rest if name not in views[:1]]:
+    if view := scene_among(rest):
+        doubts.append(f"camera: {view} is the view of the scene")
+        options["camera"] = {"topic": f"{view}?"}
+    if left := [name for name in rest if name != view]:
         doubts.append(f"pictures without a word of touch, left out: {', '.join(left)}")
     _add_forces(bag, touch, doubts)
     return _guess({"root": str(root), "map": options}, doubts)
@@ -68,14 +67,6 @@ def _pictures(bag: Bag) -> list[str]:
     found = sorted(one.name for one in bag.topics.values() if one.kind in KINDS)
     again = {one + end for one in found for end in _AGAIN}
     return [one for one in found if one not in again and not one.endswith(_DEPTH)]
-
-
-def _touch(pictures: list[str]) -> list[str]:
-    """Topics of touch: the captured ones of those called so, or else those of fingers."""
-    words = {name: words_of(name) for name in pictures}
-    called = [name for name in pictures if says_touch(words[name])]
-    called = called or [name for name in pictures if not FINGERS.isdisjoint(words[name])]
-    return [name for name in called if DERIVED.isdisjoint(words[name])] or called
 
 
 def _sensor(bag: Bag, topic: str, doubts: list[str]) -> dict[str, Any]:
@@ -109,17 +100,11 @@ def _add_forces(bag: Bag, touch: list[dict[str, Any]], doubts: list[str]) -> Non
 
 
 def _force(bag: Bag, topic: str, doubts: list[str]) -> dict[str, Any]:
-    doubts.append(
-        f"force: {topic} is taken for that on the gel, in N, x right, y down, z into the gel, "
-        "pressing positive"
-    )
+    doubts.append(f"force: {topic} is taken for that on the gel, in N, {AXES}")
     force: dict[str, Any] = {"topic": f"{topic}?"}
     try:
         found = islice(placed(bag, topic, None, None), _LOOKED_AT)
         z = np.array([wrench_of(message)[2] for _, _, message in found], np.float64)
     except DataError:
         return force  # named when it is read
-    if is_turned(z):
-        doubts.append(f"force: z of {topic} is negative where large, so it is turned")
-        force["sign"] = [1, 1, -1]
-    return force
+    return force | guess_sign(f"z of {topic}", z, doubts)

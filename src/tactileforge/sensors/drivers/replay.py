@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frame, Frames, Sensor, SensorSpec
 from tactileforge.data.frames.companions import without_companions
 from tactileforge.data.frames.lazy import ImageFrames, VideoFrames
+from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.data.frames.video_clock import video_times
 from tactileforge.data.shards import shards
 from tactileforge.errors import ConfigError, DataNotFoundError, TactileForgeError, unknown
 from tactileforge.sensors.frame_contract import check_orientation
 from tactileforge.specs.published import spec
-
-_IMAGES = {".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp"}
 
 
 class Replay(Sensor):
@@ -120,7 +119,7 @@ class Replay(Sensor):
         if path.is_file():
             video = VideoFrames(path)
             return video, None if self.fps else video_times(video, "set sensor.replay.fps=")
-        files = (file for file in path.iterdir() if file.suffix.lower() in _IMAGES)
+        files = (file for file in path.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES)
         images = sorted(without_companions([*files], path), key=_by_number)
         if not images:
             raise DataNotFoundError(f"{path}: no image in this folder; correct sensor.replay.path")

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.contracts import Guess
-from tactileforge.data import FASTEST_RATE, NEWTONS, UNITS, Blob, is_foreign, named_unit
+from tactileforge.data import NEWTONS, Blob, is_foreign, named_unit
 from tactileforge.errors import DataError, TactileForgeError
-from tactileforge.reading import ASSUMED_FPS, guess_sensor
+from tactileforge.reading import ASSUMED_FPS, AXES, BACKGROUND, guess_sensor, likely_unit
 from tactileforge_datasets.samples.members import read_members
 from tactileforge_datasets.samples.opened import shown
 from tactileforge_datasets.samples.places import (
@@ -28,10 +28,7 @@ from tactileforge_datasets.samples.units import grouped
 
 #: Samples of the first tar that are looked at.
 _LOOKED = 200
-#: Seconds between frames of the slowest camera of touch.
-_SLOWEST = 1.0
 _CAMERA = re.compile(r"cam|rgb|scene|view|vis")
-_BACKGROUND = re.compile(r"background|reference|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
 _NUMBERED = re.compile(r"(?P<start>.*?)(?P<frame>\d+)\.(?P<kind>[a-z]+)")
 _FORCE, _OBJECT = ("force", "forces", "f", "wrench"), ("object", "object_name", "label", "class")
 _TEXT, _TIME = ("text", "caption", "desc", "description"), ("t", "time", "timestamp", "timestamps")
@@ -90,7 +87,7 @@ def _layout(
     key = next(iter(samples))
     words = "_".join([root.absolute().name, key, *parts])
     layout |= guess_sensor(words, lambda: _shape(parts, str(layout["touch"])), doubts)
-    background = [part for part in counts if kind_of(part) in PICTURES and _BACKGROUND.search(part)]
+    background = [part for part in counts if kind_of(part) in PICTURES and BACKGROUND.search(part)]
     layout["background"] = {"file": background[0]} if background else "none"
     if not background:
         doubts.append("background: none was found, so nothing is subtracted")
@@ -111,7 +108,7 @@ def _frames(
     usual = [
         part
         for part, count in counts.most_common()
-        if 2 * count > len(samples) and not _BACKGROUND.search(part)
+        if 2 * count > len(samples) and not BACKGROUND.search(part)
     ]
     touch = [part for part in usual if not _CAMERA.search(part)] or usual
     videos = [part for part in touch if kind_of(part) in VIDEOS]
@@ -202,9 +199,7 @@ def _values(parts: Mapping[str, Blob], doubts: list[str]) -> dict[str, Any]:
         unit = named_unit(str(found["force"]["values"]))
         found["force"] |= {"unit": unit} if unit in NEWTONS and unit != "N" else {}
         said = found["force"].get("unit", "newton")
-        doubts.append(
-            f"force: taken for {said}, x right, y down, z into the gel, pressing positive"
-        )
+        doubts.append(f"force: taken for {said}, {AXES}")
     return found
 
 
@@ -224,10 +219,9 @@ def _times(
             continue
         read += [float(one) for one in found.reshape(-1)[:2]]
     step = read[1] - read[0] if len(read) > 1 else 0.0
-    # units are a factor of 1000 apart, the slowest and fastest camera 300: one fits at most
-    fits = [unit for unit, one in UNITS.items() if 1 / FASTEST_RATE <= step * one <= _SLOWEST]
-    doubts.append(f"times: taken for {fits[0] if fits else 's'}")
-    return {"times": {"values": place, **({"unit": fits[0]} if fits and fits[0] != "s" else {})}}
+    unit = likely_unit(step) or "s"
+    doubts.append(f"times: taken for {unit}")
+    return {"times": {"values": place} | ({} if unit == "s" else {"unit": unit})}
 
 
 def _has_axes(blob: Blob) -> bool:

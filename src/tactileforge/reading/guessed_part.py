@@ -1,0 +1,215 @@
+"""The layout of one part of a folder: the files of one sensor, side or split."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path, PurePath
+from typing import Any
+
+from tactileforge.reading.guessed_background import guess_background
+from tactileforge.reading.guessed_frames import boxes_of, guess_crops, guess_frames, guess_white
+from tactileforge.reading.guessed_labels import (
+    force_in_names,
+    guess_labels,
+    guess_shared,
+    unread_words,
+)
+from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, of_endings, open_media
+from tactileforge.reading.guessed_patterns import pattern_of
+from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times
+from tactileforge.reading.records import RECORDS, sheets
+from tactileforge.reading.sensor_names import guess_sensor, named_sensor
+from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
+from tactileforge.reading.table_families import Family, Units, families, is_for_all, templates
+from tactileforge.reading.tiles import Box
+from tactileforge.reading.trial_rows import RECORDING_WORDS
+from tactileforge.reading.view_words import DERIVED, words_of
+
+#: Endings of tables that may be notes as well, and of all that are read.
+NOTES = frozenset({".txt", ".dat"})
+TABLES = frozenset({".csv", ".tsv"}) | NOTES | RECORDS
+#: Folder of an object: words, which count no trials and tell no date.
+_OBJECT_FOLDER = re.compile(
+    rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
+)
+#: Most files that are opened for the shape of a picture: the first ones may be damaged.
+_OPENED = 5
+
+
+def guess_part(part: Part) -> None:
+    """Guess the layout of a part, the lines about it, and the tables that it reads.
+
+    Args:
+        part: The files; its layout is filled in.
+    """
+    layout, doubts = part.layout, part.doubts
+    layout |= guess_white(part)
+    layout |= guess_frames(part)
+    boxes = boxes_of(part.media[0], layout.get("white"))
+    layout |= _sensor(part, boxes)
+    layout |= guess_crops(boxes, layout["sensor"], doubts)
+    units = part.units
+    found = _families(part, units)
+    used = _shared(part, found, units)
+    units = part.units if used else units
+    apart = _apart(part, found, units)
+    if apart:
+        found = [*apart, *(family for family in found if family not in apart)]
+    column = str(layout.get("recording", "")).strip("{}") if apart else ""
+    units = part.units if apart else units
+    times, is_dated = guess_times(found, units, doubts, column)
+    units = replace(units, is_dated=is_dated)
+    force, of_force = guess_force(found, units, doubts)
+    labels, of_labels = guess_labels(apart or found, units, doubts)
+    if column:
+        labels = {"labels": {"file": apart[0].template, "key": apart[0].key}} | labels
+    if times:
+        part.forget("fps")
+    layout |= times | _background(part) | force
+    if "sensor" in labels:
+        part.forget("sensor")
+    layout |= labels
+    if not force:
+        doubts += force_in_names(part.media, part.root)
+    for family in of_force if force else ():
+        if family not in of_labels:
+            unread_words(family, layout, doubts)
+    if "object" not in layout:
+        layout |= _object(part)
+    if split := SPLIT_OF_FOLDER.get(part.folder.lower()):
+        layout["hold_out"] = "all" if split == "val" else "none"
+    used += [*of_force, *of_labels, *apart]
+    used += [one for one in found if times and one.template == times["times"]["file"]]
+    part.read |= {path for family in used for path in family.files}
+
+
+def _families(part: Part, units: Units) -> list[Family]:
+    """Tables beside the recordings of a part: of its folder first, then those with its name."""
+    frames = {*part.media}
+    tables = [path for path in of_endings(part.files, TABLES | sheets()) if path not in frames]
+    tables.sort(key=lambda path: part.folder not in path.relative_to(part.root).parts)
+    tables = [path for path in tables if part.names_it(path.stem) is not False]
+    tables.sort(key=lambda path: part.names_it(path.stem) is None)
+    found = families(tables, units)
+    for family in found:
+        family.side = part.side
+    return found
+
+
+def _shared(part: Part, found: Sequence[Family], units: Units) -> list[Family]:
+    """Families of tables of one row for all recordings; their values are taken over."""
+    told: list[str] = []
+    shared, used = guess_shared(found, units, "fps" in part.layout, told)
+    part.forget(*shared)
+    part.layout |= shared
+    part.doubts += told
+    return used
+
+
+def _apart(part: Part, found: Sequence[Family], units: Units) -> list[Family]:
+    """Family of tables that tells images of one folder apart; the keys are taken over."""
+    told: list[str] = []
+    if "recording" in part.layout:
+        return []
+    keys, used = guess_apart(found, units, told)
+    if keys:
+        keys = {"each": part.layout["each"]} | keys
+        part.forget("each")
+    if keys.get("each") == "touch":
+        part.forget("fps", "times")
+    part.layout |= keys
+    part.doubts += told
+    return used
+
+
+def _background(part: Part) -> dict[str, Any]:
+    """Key of the background; a picture that is one is no touch."""
+    found = guess_background(part)
+    still = found["background"]
+    name = still.get("file", "") if isinstance(still, Mapping) else ""
+    if "images" in part.layout and not BACKGROUND.search(PurePath(name).stem.lower()):
+        # a picture that is named so, and is none, is no touch either
+        part.layout["images"] = pattern_of(part, is_listed=True)
+    return found
+
+
+def _sensor(part: Part, boxes: Sequence[Box]) -> dict[str, Any]:
+    """Key of the type of the sensor."""
+    place = part.media[0].relative_to(part.root).parts
+    if part.folder and (sensor := named_sensor(part.folder)):
+        what = "the folder" if part.folder in place[:-1] else "the file"
+        part.doubts.append(f"sensor: {sensor}, by the name of {what}")
+        return {"sensor": sensor}
+
+    def shape() -> tuple[int, int]:
+        if boxes:
+            return boxes[0][3], boxes[0][2]
+        media = islice(part.media, _OPENED)
+        opened = (open_media(path, part.layout.get("white")) for path in media)
+        return next((frames.shape for frames in opened if frames is not None), (1, 1))
+
+    return guess_sensor("_".join([part.root.name, *place]), shape, part.doubts)
+
+
+def add_camera(part: Part, views: Sequence[Path]) -> None:
+    """Add the key of the view of the scene beside each recording; others are left out.
+
+    Args:
+        part: The files, with their layout.
+        views: Pictures and films of a scene.
+    """
+    are_stills = part.layout.get("each") == "touch"
+    # of a film in images, their pattern
+    places = [
+        path if are_stills or path.suffix.lower() in VIDEOS else path.parent / f"*{path.suffix}"
+        for path in views
+    ]
+    units = part.units
+    found = templates(list(dict.fromkeys(places)), units)
+    shown = [one for one in found if DERIVED.isdisjoint(words_of(one.template))]
+    whole = [one for one in shown if one.is_own and is_for_all(one, units)]
+    rest = sorted(one.template for one in found if one not in whole[:1])
+    if whole:
+        part.layout["camera"] = whole[0].template
+        part.doubts.append(f"camera: {whole[0].template} is the view of the scene")
+    if rest:
+        part.doubts.append(
+            f"touch: {', '.join(rest[:3])}{' and others' if len(rest) > 3 else ''} left out: by "
+            "name a view of the scene, or computed from others"
+        )
+
+
+def _object(part: Part) -> dict[str, Any]:
+    """Key of objects by folder."""
+    above = {path.parent for path in part.media} - {part.root}
+    if part.layout.get("each") != "touch":
+        return _object_of_takes(part.units, part.doubts)
+    if len(above) < 2:
+        return {}
+    is_sensor = bool(part.folder) and all(path.name == part.folder for path in above)
+    part.doubts.append(f"object: named by the folder of {'a sensor' if is_sensor else 'an image'}")
+    return {"object": "{parent}" if is_sensor else "{folder}"}
+
+
+def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
+    """Key of the object, by folders with words for names and several recordings in each."""
+    of_folder: dict[str, set[str]] = {}
+    for parts in (parts for parts in units.files if len(parts) > 1):
+        # both sides of a trial are one recording of it
+        name = PurePath(parts[-1]).stem.lower()
+        of_folder.setdefault(parts[-2], set()).add("" if name in SIDE_NAMES else name)
+    others = SIDE_NAMES | SPLIT_OF_FOLDER.keys()
+    if (
+        len({*map(len, units.files)}) > 1
+        or len({re.sub(r"\d+", "", name) for name in of_folder}) < 2
+        or min(map(len, of_folder.values())) < 2
+        or not all(_OBJECT_FOLDER.fullmatch(name) for name in of_folder)
+        or any(name.lower() in others or named_sensor(name) for name in of_folder)
+    ):
+        return {}
+    doubts.append("object: named by the folder of several recordings")
+    return {"object": "{folder}"}
