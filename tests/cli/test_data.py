@@ -5,7 +5,7 @@ import pytest
 from tactileforge import cli
 from tactileforge.datasets.shards import Shards
 
-SIM = ["data=sim", "data.scenes=6", "data.val=2", "data.size=32"]
+SIM = ["data=sim", "data.scenes=3", "data.val=1", "data.size=32"]
 
 
 @pytest.mark.slow
@@ -14,7 +14,7 @@ def test_pack_writes_what_shards_reads(tmp_path: Path, capsys: pytest.CaptureFix
     assert cli.run(["data", "pack", *SIM, f"out={out}", "pack.processes=1", "pack.codec=png"]) == 0
     assert f"data=shards data.root={out}" in capsys.readouterr().out
     data = Shards(str(out))
-    assert [len(list(data.recordings(split))) for split in ("train", "val")] == [18, 6]
+    assert [len(list(data.recordings(split))) for split in ("train", "val")] == [9, 3]
     assert data.skipped == []
 
 
