@@ -21,7 +21,7 @@ SMALL = {"scenes": 3, "val": 1, "size": 32}
 
 @pytest.fixture(scope="module")
 def touches() -> list[Recording]:
-    return list(Sim(scenes=12, val=0, size=48, randomise="unit").recordings("train"))
+    return list(Sim(scenes=7, val=0, size=48, randomise="unit").recordings("train"))
 
 
 def digest(folder: Path) -> dict[str, str]:
@@ -37,18 +37,18 @@ def test_conformance() -> None:
 
 @pytest.mark.slow
 def test_what_matching_needs_is_there(touches: list[Recording]) -> None:
-    assert len({recording.key for recording in touches}) == 36
+    assert len({recording.key for recording in touches}) == 21
     for trio in zip(*[iter(touches)] * 3, strict=True):
         assert [recording.sensor for recording in trio] == ["digit", "gelsight", "gelsight_mini"]
         assert len({recording.object for recording in trio}) == 1
-    assert len({recording.object for recording in touches}) == 12
+    assert len({recording.object for recording in touches}) == 7
     seen = {
         ACTIONS[i]
         for recording in touches
         if recording.action is not None
         for i in set(recording.action) - {-1}
     }
-    assert {"press", "leave", "slide_left"} < seen
+    assert {"press", "leave", "slide_right"} < seen
 
 
 @pytest.mark.slow
