@@ -45,6 +45,7 @@ def done(*words):
     assert run(list(words)) == 0, words
 
 sim = ["data=sim", "data.scenes=3", "data.val=1", "data.size=32", "data.cache=cache"]
+sim += ["data.sensors=[digit]"]
 done("data", "pack", *sim, "out=packed", "pack.processes=1")
 done("data", "inspect", "data=shards", "data.root=packed", "out=page.html")
 shards = ["data=shards", "data.root=packed", "hydra.run.dir=run", "batch.workers=0"]
