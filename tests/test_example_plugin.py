@@ -48,7 +48,7 @@ def run(site, warm):
     def run(name, *words, cwd=None):
         path = os.pathsep.join(filter(None, [str(site), os.environ.get("PYTHONPATH", "")]))
         return subprocess.run(
-            [sys.executable if name == "python" else warm.bin / name, *words],
+            [warm.bin / name, *words],
             cwd=cwd,
             env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
             capture_output=True,
@@ -160,10 +160,12 @@ def test_it_trains(run, tmp_path):
     assert "dummy: 6" in (tmp_path / "config.yaml").read_text()
     assert (tmp_path / "report.html").exists()
     # its head is in the file, and the file loads where the package is and where it is not
-    made = "import sys, tactileforge as t; m = t.load(sys.argv[1]); print([*m.heads])"
     saved = str(tmp_path / "m.safetensors")
-    with_save = run("python", "-c", f"{made}; m.save({saved!r}, licence='MIT')", str(tmp_path))
+    made = "import sys, tactileforge as t\nm = t.load(sys.argv[1])\nprint([*m.heads])\n"
+    (tmp_path / "heads.py").write_text(made)
+    (tmp_path / "save.py").write_text(f"{made}m.save({saved!r}, licence='MIT')\n")
+    with_save = run("warm-python", str(tmp_path / "save.py"), str(tmp_path))
     assert (with_save.returncode, with_save.stdout) == (0, "['contact_area']\n"), with_save.stderr
-    assert run("python", "-c", made, saved).stdout == "['contact_area']\n"
+    assert run("warm-python", str(tmp_path / "heads.py"), saved).stdout == "['contact_area']\n"
     with pytest.warns(UserWarning, match="head contact_area is left out: .*not installed"):
         assert not load(saved).heads
