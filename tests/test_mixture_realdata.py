@@ -33,7 +33,7 @@ def packed(realdata: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             plain[name] |= {"videos": "[ab]*_0.mov", "hold_out": "recording"}  # a few, to be quick
         data = Recordings(str(realdata), layouts=plain, val=0.2)
         assert pack(data, name, folder / name, options).splits["train"]
-    pack(Sim(scenes=6, val=2, size=64), "sim", folder / "sim", options)
+    pack(Sim(scenes=3, val=1, size=32), "sim", folder / "sim", options)
     return folder
 
 
