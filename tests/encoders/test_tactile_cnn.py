@@ -110,7 +110,8 @@ def test_photographs_beside_a_run_leave_what_its_heads_read(
     np.testing.assert_allclose(tokens[..., own.shape[-1] :], seen, atol=1e-4)
     forces = (model.force(frames, **given) for model in (both, alone))
     np.testing.assert_allclose(*forces, atol=1e-5)
-    assert "not taken" in caplog.text and "another shape" not in caplog.text
+    assert "heads.surface of touch.tiny not taken" in caplog.text
+    assert "another shape" not in caplog.text
 
 
 @pytest.mark.slow
