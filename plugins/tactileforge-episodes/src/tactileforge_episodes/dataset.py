@@ -21,6 +21,7 @@ from tactileforge.errors import (
 )
 from tactileforge.reading import (
     Drawn,
+    Lines,
     add_once,
     as_texts,
     check_share,
@@ -111,7 +112,7 @@ class Episodes(Drawn):
         self.fps, self.sensors, self.span, self.draw = fps, dict(sensors or {}), span, draw
         self.background, self.channels = background, channels
         self.large, self.licence = tuple(large), licence
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
         self._notes: list[str] = []
         self._recognised: Guess | None = None
         self._drawn: dict[str, str] = {}

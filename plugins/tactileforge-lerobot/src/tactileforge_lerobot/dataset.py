@@ -11,6 +11,7 @@ from tactileforge.errors import ConfigError, DataError, home_path
 from tactileforge.reading import (
     Drawn,
     ForceKeys,
+    Lines,
     StreamKeys,
     add_once,
     check_share,
@@ -119,7 +120,7 @@ class LeRobot(Drawn):
             missing=tuple(missing),
             objects=objects,
         )
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
         self.notes: list[str] = []
 
     @staticmethod

@@ -12,6 +12,7 @@ from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import ConfigError, DataError, check_names, home_path
 from tactileforge.reading import (
     Drawn,
+    Lines,
     OptionalKeys,
     add_once,
     check_data_licence,
@@ -65,7 +66,7 @@ class Rosbags(Drawn):
         self.map = map if isinstance(map, str) else dict(map)
         self.topics = dict(topics or {})
         self.clock, self.background, self.licence = clock, background, licence
-        self.skipped: list[str] = []
+        self.skipped: list[str] = Lines()
         self._notes: list[str] = []
         self._optional = OptionalKeys()
         self._failed: DataError | None = None
