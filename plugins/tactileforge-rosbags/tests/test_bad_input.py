@@ -390,7 +390,7 @@ def test_maps_that_contradict_themselves(lines, wanted, tmp_path):
 def test_options_that_contradict_each_other(tmp_path):
     with pytest.raises(ConfigError, match="not both"):
         Rosbags(".", {"/gel": "digit"}, map="m.yaml")
-    with pytest.raises(ConfigError, match=r"data.val=1"):
+    with pytest.raises(ConfigError, match=r"val is 1; give the share"):
         Rosbags(".", {"/gel": "digit"}, val=1)
     refused(Rosbags(".", map=str(tmp_path / "gone.yaml")), "gone.yaml: cannot be read", ConfigError)
     with pytest.raises(ConfigError, match="unknown split 'test'"):

@@ -32,7 +32,7 @@ def check_share(val: float) -> None:
         ConfigError: It is below 0, or leaves nothing for training.
     """
     if not 0 <= val < 1:
-        raise ConfigError(f"data.val={val}: give the share that is held out, 0 or more, below 1")
+        raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
 
 
 def check_split(split: str) -> None:
