@@ -359,3 +359,19 @@ def test_a_weight_needs_a_unit_and_a_unit_a_word(
     found, doubts = read(tmp_path)
     assert {one.force is not None for one in found.values()} == {is_force}
     assert any(line.startswith(f"force: {told} of") for line in doubts) == bool(told)
+
+
+def test_both_sides_in_one_table_beside_a_film_of_each(tmp_path: Path) -> None:
+    for k in range(3):
+        for side in ("left", "right"):
+            video(tmp_path / f"trial_{k}/{side}.avi")
+        rows = [f"{n / 20},9,{z:.4f},{2 * z:.4f}" for n, z in enumerate(FORCE)]
+        (tmp_path / f"trial_{k}/ft.csv").write_text("\n".join(["t,fz_cmd,fz_l,fz_r", *rows]) + "\n")
+    found, doubts = read(tmp_path)
+    assert len(found) == 6
+    for name, one in found.items():
+        check(one, 1 if name.endswith("left.avi") else 2)
+    assert (
+        "left: force: fz_l and no other column of {folder}/ft.csv is taken for that on the gel: "
+        "fz_cmd, fz_r are left out"
+    ) in doubts

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from tactileforge.data.labels.clock import after_midnight, clock_number
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
+from tactileforge.reading.force_headers import FORCE, axes_of_force, axis_of, is_alone, is_elsewhere
 from tactileforge.reading.guessed_numbers import named_time_unit
-from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
@@ -22,27 +22,8 @@ from tactileforge.reading.table_families import (
 )
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
-from tactileforge.reading.view_words import COMMANDS, ROBOT, apart_by_capitals, words_of
+from tactileforge.reading.view_words import words_of
 
-#: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
-_BEFORE = r"(?:\S*[./])?"
-#: Force, in English, German, Dutch, Spanish and Italian.
-FORCE = r"(?:forces?|kraft|kracht|fuerza|forza)"
-#: Words for a force along an axis.
-_WORDS = {axis: rf"(?:shear|tangential|lateral)(?:[_ ]?force)?[_ ]?{axis}" for axis in "xy"}
-_WORDS["z"] = r"(?:normal(?:[_ ]?force)?|force[_ ]?normal)"
-#: Headers of columns, without the unit behind them.
-_FORCES = {
-    axis: re.compile(
-        rf"{_BEFORE}(?:(?:{FORCE}|f)[_ .]?{axis}(?![^\W_]).*|{axis}[_ .]?{FORCE}(?![^\W_]).*"
-        rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place}"
-        rf"|{_WORDS[axis]}(?![^\W_]).*)"
-    )
-    for place, axis in enumerate("xyz")
-}
-#: Header of the only force, without an axis; and words that need a unit.
-_ALONE = re.compile(rf"{_BEFORE}(?:{FORCE}|load|load_?cell|fn)(?:[_ (\[]+\w+[)\]]?)?")
-_WEIGHED = re.compile(rf"{_BEFORE}(?:weight|{FORCE}|load)(?![^\W_])")
 _TIME = re.compile(
     r"t|[mun]s|%?(?:times?|zeit|elapsed(?:[_ ]time)?)(?:[_ ]?stamps?)?"
     r"(?:[_ (\[]{1,2}(?:[mun]?s|secs?|seconds?)[)\]]?)?"
@@ -55,8 +36,6 @@ OBJECT = re.compile(r"obj(?:ect)?(?:[_ ]?(?:name|class|label))?|label|class|name
 OBJECT_NUMBER = re.compile(r"obj(?:ect)?[_ ]?(?:id|number|no|nr)")
 SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
-#: Words before a force that is none on the gel as it was measured.
-_ELSEWHERE = ROBOT | COMMANDS | {"max", "min", "std", "var", "bias"}
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
@@ -99,7 +78,7 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
         ('episode_index', 't_ms', 'ms', ('force.0', 'force.1', 'force.2'))
     """
     family = Family("", (), rows=[dict.fromkeys(header, "")])
-    x, y, z = (family.column(_FORCES[axis]) for axis in "xyz")
+    x, y, z = axes_of_force(header)
     times = time_column(family, "")
     return NamedColumns(
         (x, y, z),
@@ -112,27 +91,12 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
 def force_columns(family: Family) -> list[str | None]:
     """Headers of the forces along x, y and z; None for an axis without one."""
     if not family.is_numbered:
-        found = [family.column(_FORCES[axis]) for axis in "xyz"]
-        ways = (_forces_of_one, _forces_by_unit, _normal_force)
+        found = axes_of_force(list(family.rows[0]), family.side)
+        ways = (_forces_by_unit, _normal_force)
         return found if any(found) else next(filter(any, (way(family) for way in ways)), found)
     if not _is_called(_FORCE_STEM, family):
         return [None] * 3
     return numbered_forces(family)
-
-
-def _forces_of_one(family: Family) -> list[str | None]:
-    """Columns of forces behind the name of a sensor (``ati_fx``), the only one of the table."""
-    names: dict[str, list[str | None]] = {}
-    for title in family.rows[0]:
-        for place, axis in enumerate("xyz"):
-            plain = apart_by_capitals(title.strip()).lower()
-            if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
-                names.setdefault(found[1], [None, None, None])[place] = title
-    if family.side and any(not SIDE_NAMES.isdisjoint(words_of(name)) for name in names):
-        # of a table of both sides
-        names = {name: one for name, one in names.items() if family.side in words_of(name)}
-    whole = [one for name, one in names.items() if one[2] and _ELSEWHERE.isdisjoint(words_of(name))]
-    return whole[0] if len(whole) == 1 else [None] * 3
 
 
 def _forces_by_unit(family: Family) -> list[str | None]:
@@ -140,6 +104,7 @@ def _forces_by_unit(family: Family) -> list[str | None]:
     found: list[str | None] = []
     for axis in "xyz":
         named = [title for title in family.rows[0] if axis in words_of(title)]
+        named = [title for title in named if not is_elsewhere(words_of(title))]
         of_force = [title for title in named if named_unit(title) in NEWTONS]
         found.append(of_force[0] if len(of_force) == 1 else None)
     return found if all(found) else [None] * 3
@@ -147,33 +112,19 @@ def _forces_by_unit(family: Family) -> list[str | None]:
 
 def _normal_force(family: Family) -> list[str | None]:
     """The only column of force, as of a load cell: the normal one."""
-    named = [title for title in family.rows[0] if _is_normal(title)]
+    header = family.rows[0]
+    if any(axis_of(title) and not is_elsewhere(words_of(title)) for title in header):
+        return [None] * 3
+    named = [title for title in header if is_alone(title)]
     if len(named) != 1 or is_constant(family, named[0]):
         return [None] * 3
     return [None, None, named[0]]
-
-
-def _is_normal(title: str) -> bool:
-    """Whether a column is called force or load, or weighs in a unit."""
-    words = apart_by_capitals(title.strip()).lower()
-    if not _ELSEWHERE.isdisjoint(words_of(title)):
-        return False
-    return bool(_ALONE.fullmatch(words)) or (
-        bool(_WEIGHED.match(words)) and named_unit(title) in NEWTONS
-    )
 
 
 def says_no_axis(title: str) -> bool:
     """Whether a column is a force by its name or unit, along no known axis."""
     numbered = re.fullmatch(rf"(?:{FORCE}|f)[_ ]?\d.*", title.strip().lower())
     return bool(numbered) or named_unit(title) in NEWTONS
-
-
-def is_elsewhere(title: str) -> bool:
-    """Whether a column is a force behind another name."""
-    plain = apart_by_capitals(title.strip()).lower()
-    patterns = (rf"\w+?[_ ]{_FORCES[axis].pattern}" for axis in "xyz")
-    return any(re.fullmatch(pattern, plain) for pattern in patterns)
 
 
 def _is_called(pattern: re.Pattern[str], family: Family) -> bool:

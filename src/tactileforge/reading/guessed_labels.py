@@ -9,8 +9,8 @@ from typing import Any
 
 from tactileforge.data.labels.clock import clock_number
 from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.reading.force_headers import FORCE
 from tactileforge.reading.guessed_columns import (
-    FORCE,
     OBJECT,
     OBJECT_NUMBER,
     SENSOR,

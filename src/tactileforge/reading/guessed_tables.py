@@ -11,6 +11,7 @@ import numpy as np
 
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
+from tactileforge.reading.force_headers import axis_of
 from tactileforge.reading.guessed_columns import (
     FRAME,
     OBJECT,
@@ -19,7 +20,6 @@ from tactileforge.reading.guessed_columns import (
     counts,
     doubt_key,
     force_columns,
-    is_elsewhere,
     leading_column,
     moments,
     numbered_forces,
@@ -192,9 +192,15 @@ def guess_force(
         if columns[0] is columns[1] is None:
             along = f"{columns[2]} for the normal one, pressing positive; x and y are not known"
         doubts.append(f"force: taken for {said}, {along}")
+        others = [name for name in family.rows[0] if axis_of(name) and name not in columns]
+        if others:
+            doubts.append(
+                f"force: {columns[2]} and no other column of {family.template} is taken for that "
+                f"on the gel: {', '.join(others[:6])} are left out"
+            )
         return {"force": table}, [family]
     for family in found:
-        if others := [name for name in family.rows[0] if is_elsewhere(name)]:
+        if others := [name for name in family.rows[0] if axis_of(name)]:
             doubts.append(
                 f"force: {', '.join(others[:3])} of {family.template} act elsewhere by their "
                 "names, or are of several, and are left out; if they act on the gel: force: {file: "
