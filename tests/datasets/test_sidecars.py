@@ -279,6 +279,35 @@ def test_what_one_file_says_of_all_recordings(tmp_path: Path) -> None:
     assert "fps: 50.0, by meta.json" in guess.doubts
 
 
+@pytest.mark.parametrize(
+    ("about", "factor"),
+    [
+        ({"force_unit": "mN"}, 1e-3),
+        ({"units": {"force": "gram", "time": "s"}}, 9.80665e-3),
+        ({"unit": "N"}, 1),
+        ({"unit": "mm"}, 1),
+        ({"force_unit": "V"}, None),
+    ],
+)
+def test_a_file_says_the_unit_of_forces(
+    about: dict[str, object], factor: float | None, tmp_path: Path
+) -> None:
+    for k in range(2):
+        for n in range(20):
+            image(tmp_path / f"take_{k}/{n:04d}.png", 90 + n)
+        table(tmp_path / f"take_{k}/ft.csv", "frame,fz", (f"{n},{n / 10}" for n in range(20)))
+    (tmp_path / "meta.json").write_text(json.dumps(about))
+    found, guess = read(tmp_path)
+    for one in found.values():
+        if factor is None:
+            assert one.force is None
+            assert "force: ft.csv has it in v, left out" in guess.doubts
+            continue
+        np.testing.assert_allclose(one.force[:, 2], factor * np.arange(20) / 10, rtol=1e-6)
+        is_said = any("by units.force of meta.json" in line for line in guess.doubts)
+        assert is_said == ("units" in about)
+
+
 def test_arrays_beside_each_other(tmp_path: Path) -> None:
     pixels = RNG.integers(0, 256, (20, *SIZE), np.uint8)
     forces = np.stack([np.zeros(20), np.ones(20), np.arange(20) / 10], 1)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.data.labels.clock import clock_number
+from tactileforge.data.labels.newtons import named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
 from tactileforge.reading.force_headers import FORCE
 from tactileforge.reading.guessed_columns import (
@@ -32,6 +33,8 @@ from tactileforge.reading.templates import template_columns
 from tactileforge.specs.published import spec
 
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
+#: Unit of forces, as ``force_unit`` or ``units.force``, or that of all values.
+_UNIT = re.compile(r"(?:.*[._])?(?:(?:forces?|ft)[._ ]?units?|units?[._ ](?:forces?|ft))|units?")
 #: A force in the name of a file: a word and a fraction, or a number and a unit.
 _IN_NAME = re.compile(
     rf"(?<![a-z])(?:(?:{FORCE}|f[nxyz]?|load)[_=]?-?\d+\.\d+"
@@ -145,6 +148,22 @@ def guess_shared(
             used.append(family)
             given = said | given
     return given, used
+
+
+def guess_unit(found: Sequence[Family], doubts: list[str]) -> tuple[str, list[Family]]:
+    """Guess the unit of forces by a value of all rows (``force_unit``); "" without any.
+
+    Args:
+        found: Families of tables.
+        doubts: Lines, added to.
+    """
+    for family in found:
+        column = family.column(_UNIT)
+        unit = named_unit(family.rows[0][column]) if column else ""
+        if column and unit and is_constant(family, column):
+            doubts.append(f"force: in {unit}, by {column} of {family.template}")
+            return unit, [family]
+    return "", []
 
 
 def _number(cell: str) -> float:

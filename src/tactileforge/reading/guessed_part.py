@@ -74,7 +74,7 @@ def guess_part(part: Part) -> None:
     layout |= labels
     if not force:
         doubts += force_in_names(part.media, part.root)
-    for family in of_force if force else ():
+    for family in of_force[:1] if force else ():
         if family not in of_labels:
             unread_words(family, layout, doubts)
     if "object" not in layout:

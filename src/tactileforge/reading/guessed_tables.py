@@ -27,6 +27,7 @@ from tactileforge.reading.guessed_columns import (
     says_no_axis,
     time_column,
 )
+from tactileforge.reading.guessed_labels import guess_unit
 from tactileforge.reading.guessed_numbers import (
     AXES,
     guess_sign,
@@ -153,7 +154,7 @@ def guess_times(
 def guess_force(
     found: Sequence[Family], units: Units, doubts: list[str]
 ) -> tuple[dict[str, Any], list[Family]]:
-    """Guess the key of forces, and its family of tables.
+    """Guess the key of forces, and its families of tables.
 
     Args:
         found: Families of tables.
@@ -172,11 +173,15 @@ def guess_force(
         if clock is None:
             continue
         stated_units = {unit for name in columns if name and (unit := named_unit(name))}
-        stated_units = stated_units or {_unit_of_file(family.files[0].stem) or "N"}
+        used = [family]
+        if not stated_units:
+            said, of_unit = guess_unit(found, doubts)
+            stated_units = {said or _unit_of_file(family.files[0].stem) or "N"}
+            used += of_unit
         if len(stated_units) > 1 or not stated_units <= NEWTONS.keys():
             said = " and ".join(sorted(stated_units))
             doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
-            return {}, [family]
+            return {}, used
         (unit,) = stated_units
         if family.is_numbered and family.files[0].suffix.lower() != ".npy":
             doubts.append(
@@ -198,7 +203,7 @@ def guess_force(
                 f"force: {columns[2]} and no other column of {family.template} is taken for that "
                 f"on the gel: {', '.join(others[:6])} are left out"
             )
-        return {"force": table}, [family]
+        return {"force": table}, used
     for family in found:
         if others := [name for name in family.rows[0] if axis_of(name)]:
             doubts.append(

@@ -30,8 +30,9 @@ _PARTED, _AROUND = re.compile(r"[,;\s]+"), "[]() \t\r\n"
 _UNITS = frozenset(
     word
     for words in (
-        "s sec seconds ms us µs ns n newton mn kn un kgf gf g kg lbf nm n.m n·m n*m n-m nmm mnm m",
-        "mm cm um µm deg rad degc °c c k v mv a ma hz pa kpa bar psi count counts adc px pixel 1 -",
+        "s sec seconds ms us µs ns n newton mn kn un cn kgf gf g kg lbf nm n.m n·m n*m n-m nmm mnm",
+        "mm cm um µm deg rad degc °c c k v mv a ma hz pa kpa bar psi count counts adc px pixel",
+        "m 1 -",
     )
     for word in words.split()
 )
