@@ -32,7 +32,9 @@ _PLACED = re.compile(
 )
 _LAST_NUMBER = re.compile(r"\d+(?=\D*$)")
 #: Header of the only force, without an axis; and words that need a unit.
-_ALONE = re.compile(rf"(?:\S*[./])?(?:{FORCE}|load|load_?cell|fn)(?:[_ (\[]+\w+[)\]]?)?")
+_ALONE = re.compile(
+    rf"(?:\S*[./])?(?:{FORCE}|load|load_?cell|fn)(?:[_ (\[]+\w+[)\]]?)?|grams?|newtons?|kgf|gf|lbf"
+)
 _WEIGHED = re.compile(rf"(?:\S*[./])?(?:weight|{FORCE}|load|f)(?![^\W_])")
 #: Words of a force that say nothing of whose it is.
 _PLAIN = {"f", "fx", "fy", "fz", "fn", "fxyz", "x", "y", "z", "force", "forces", "torque", "ft"}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.labels.clock import after_midnight, clock_number
+from tactileforge.data.labels.clock import UNITS, after_midnight, clock_number
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.force_headers import FORCE, axes_of_force, axis_of, is_alone, is_elsewhere
@@ -22,20 +22,43 @@ from tactileforge.reading.table_families import (
 )
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
-from tactileforge.reading.view_words import words_of
+from tactileforge.reading.view_words import apart_by_capitals, words_of
 
-_TIME = re.compile(
-    r"t|[mun]s|%?(?:times?|zeit|elapsed(?:[_ ]time)?)(?:[_ ]?stamps?)?"
-    r"(?:[_ (\[]{1,2}(?:[mun]?s|secs?|seconds?)[)\]]?)?"
-    r"|t[_ (\[]{1,2}[mun]?s[)\]]?|stamps?|(?:\w+\.)+(?:time)?stamp"
-    r"|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
+#: Whose or which time: a clock, what was stamped, or since when.
+_CLOCK = (
+    r"(?:ros(?:bag)?|unix|sys(?:tem)?|host|pc|wall|local|recv|receive|header|sensor|ft|robot|daq"
+    r"|cam(?:era)?|frame|image|rel(?:ative)?|elapsed|absolute|epoch)"
 )
-FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
+_UNIT_OF_TIME = r"(?:[mun\u00b5\u03bc]?s(?:ecs?)?|(?:milli|micro|nano)?sec(?:ond)?s?)"
+_TIME = re.compile(
+    rf"%?#?(?:{_CLOCK}[_ ./]?)?"
+    r"(?:t|times?|zeit(?:stempel)?|tiempo|epoch|clock|date[_ /]?time|\u65f6\u95f4\u6233?"
+    r"|(?:times?[_ ]?)?stamps?)"
+    rf"(?:[_ ,/(\[]{{1,2}}(?:in[_ ])?{_UNIT_OF_TIME}[)\]]?|[_ ](?:rel|ft|since[_ ]start))?"
+    r"|ts|[mun]s|millis|micros|(?:milli|micro)sec(?:ond)?s|[mu]secs?|unix|elapsed|x[_ ]value"
+    r"|(?:\w+\.)+(?:time)?stamp|(?:\w+[._])*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
+)
+FRAME = re.compile(
+    r"(?:video_|image_|img_|camera_)?frame(?:[_ ]?(?:idx?|i|index|number|num|no\.?|nr\.?|count|#))?"
+    r"|(?:image|img)[_ ]?(?:idx?|index|number|num|no|nr)|index"
+)
+#: Headers of numbers: of frames, where they are in the range of these and leave some out.
+_COUNTER = re.compile(r"i|n|no|nr|idx|id|row|step|sample|seq|tick|t[_ ]?idx")
+#: Words of columns with another meaning than time, which may rise as well.
+_NO_TIME = {"x", "y", "z", "w", "depth", "pos", "position", "disp", "displacement", "dist"}
+_NO_TIME |= {"distance", "travel", "angle", "height", "mm", "cm", "um", "deg", "rad", "temp"}
+#: Fewest rows of a rising column, and its largest ratio to the duration of the frames.
+_LEAST_ROWS, _LASTS = 8, 1.25
 OBJECT = re.compile(r"obj(?:ect)?(?:[_ ]?(?:name|class|label))?|label|class|name|material|item")
 #: Number of an object, which is its name where no column has that.
 OBJECT_NUMBER = re.compile(r"obj(?:ect)?[_ ]?(?:id|number|no|nr)")
 SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
+#: Headers of forces without an axis: a word of force, or its letter with a word or number.
+_SOME_FORCE = re.compile(
+    rf"(?:.*[\W_\d])?(?:\w*{FORCE}|f[_ ]?\d|f[_ ]?(?:t|tot|total|res|abs|mag|norm|sum|shear))"
+    r"(?![^\W\d_]).*|load(?![^\W\d_]).*|\|f\|"
+)
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
@@ -123,8 +146,10 @@ def _normal_force(family: Family) -> list[str | None]:
 
 def says_no_axis(title: str) -> bool:
     """Whether a column is a force by its name or unit, along no known axis."""
-    numbered = re.fullmatch(rf"(?:{FORCE}|f)[_ ]?\d.*", title.strip().lower())
-    return bool(numbered) or named_unit(title) in NEWTONS
+    if axis_of(title):
+        return False
+    plain = apart_by_capitals(title.strip()).lower()
+    return bool(_SOME_FORCE.fullmatch(plain)) or named_unit(title) in NEWTONS
 
 
 def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
@@ -168,6 +193,50 @@ def time_column(family: Family, stem: str | None = None) -> str | None:
     names = [name for name in family.rows[0] if fits(_TIME, name)]
     # the stamp of a message before the time at which it was received
     return next((name for name in names if "stamp" in name.lower()), names[0] if names else None)
+
+
+def frame_column(family: Family, count: int) -> tuple[str | None, bool]:
+    """Header of the numbers of frames; and whether only its numbers tell it, not its name.
+
+    Args:
+        family: A table.
+        count: Number of frames.
+    """
+    header = family.rows[0]
+    for name in (name for name in header if fits(FRAME, name)):
+        if (values := numbers(family, name)).size and (values == np.rint(values)).all():
+            return name, False
+    for name in (name for name in header if fits(_COUNTER, name)):
+        values, steps = (found := numbers(family, name)), np.diff(found)
+        is_whole = bool(len(steps)) and (values == np.rint(values)).all()
+        if (
+            is_whole
+            and steps.min() > 0
+            and steps.max() > 1
+            and 0 <= values[0] <= values[-1] < count
+        ):
+            return name, True
+    return None, False
+
+
+def rising_column(family: Family, seconds: float, others: Iterable[str | None]) -> tuple[str, str]:
+    """The only column that rises and lasts as long as the frames, and its unit; "" for none.
+
+    Args:
+        family: A table.
+        seconds: Duration of the frames.
+        others: Columns that are known.
+    """
+    found = []
+    for name in family.rows[0].keys() - {*others} if not family.is_numbered else ():
+        values = moments(family, name)
+        if len(values) < _LEAST_ROWS or not _NO_TIME.isdisjoint(words_of(name)):
+            continue
+        span = float(values[-1] - values[0]) if (np.diff(values) > 0).all() else 0.0
+        for unit, second in UNITS.items():
+            if seconds / _LASTS < span * second < seconds * _LASTS:
+                found.append((name, unit))
+    return found[0] if len(found) == 1 else ("", "")
 
 
 def counts(family: Family, column: str) -> bool:

@@ -44,6 +44,8 @@ _IN_NAME = re.compile(
 _NAMED = (("object", OBJECT), ("object", OBJECT_NUMBER), ("text", TEXT))
 #: Tables that are told to be damaged; the others are counted.
 _DAMAGED = 5
+#: Columns of an unread table that are told.
+_SHOWN = 8
 
 
 def guess_labels(
@@ -238,11 +240,24 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
         if kind:
             lines.append(f"labels: {first}{more} left out: {conversion(root / first)}")
             continue
+        columns = _columns(root / first)
         lines.append(
             f"labels: {first}{more} left out, since no force of a known frame, time or image, and "
-            "no name of an object was seen; give force: or labels: of the layout, if it has some"
+            f"no name of an object was seen{columns and ' in '}{columns}; give force: or labels: "
+            "of the layout, if it has some, or tracks: for other numbers of frames"
         )
     return lines
+
+
+def _columns(path: Path) -> str:
+    """The first columns of a table as words; "" for one without names or that cannot be read."""
+    try:
+        rows = read_cells(path, [])
+    except TactileForgeError:
+        return ""
+    names = [name for name in rows[0][1] if not name.isdecimal()] if rows else []
+    more = len(names) > _SHOWN
+    return ", ".join([*names[:_SHOWN], *["others"] * more])
 
 
 def _damage(path: Path) -> str:
