@@ -35,7 +35,7 @@ def read(root: Path, **more: object) -> tuple[list[Recording], list[str]]:
     found = [one for split in ("train", "val") for one in data.recordings(split)]
     assert len(found) == 2
     assert not data.skipped
-    return found, guess.doubts
+    return found, list(guess.doubts)
 
 
 TIMES = {

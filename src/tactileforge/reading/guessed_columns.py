@@ -52,7 +52,7 @@ _LEAST_ROWS, _LASTS = 8, 1.25
 OBJECT = re.compile(r"obj(?:ect)?(?:[_ ]?(?:name|class|label))?|label|class|name|material|item")
 #: Number of an object, which is its name where no column has that.
 OBJECT_NUMBER = re.compile(r"obj(?:ect)?[_ ]?(?:id|number|no|nr)")
-SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
+SENSOR = re.compile(r"(?:tactile_?)?sensor(?:[_.]?(?:type|name|model))?")
 TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
 #: Headers of forces without an axis: a word of force, or its letter with a word or number.
 _SOME_FORCE = re.compile(
