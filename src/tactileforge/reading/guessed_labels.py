@@ -44,6 +44,8 @@ _IN_NAME = re.compile(
 _NAMED = (("object", OBJECT), ("object", OBJECT_NUMBER), ("text", TEXT))
 #: Tables that are told to be damaged; the others are counted.
 _DAMAGED = 5
+#: Largest relative difference of two rates that are the same.
+_AS_FAST = 0.01
 #: Columns of an unread table that are told.
 _SHOWN = 8
 
@@ -136,8 +138,17 @@ def guess_shared(
         (row,) = family.rows
         said: dict[str, Any] = {}
         column = family.column(_FPS)
-        if is_assumed and column and (fps := _number(row[column])) > 0:
+        fps = _number(row[column]) if column else 0.0
+        if fps > 0 and is_assumed:
             said["fps"] = fps
+        elif fps > 0 and units.each == "video" and units.seconds and not units.is_timed:
+            used.append(family)
+            own = (units.count - 1) / units.seconds
+            if abs(own / fps - 1) > _AS_FAST:
+                doubts.append(
+                    f"times: films say {own:.4g} frames a second, which is taken, and {column} of "
+                    f"{family.template} says {fps:g}; if that is right: fps: {fps:g}"
+                )
         if not family.is_own and family.files[0].suffix.lower() in RECORDS:
             for name, pattern in (("sensor", SENSOR), ("object", OBJECT), ("text", TEXT)):
                 column = family.column(pattern)
