@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.labels.clock import UNITS, after_midnight, clock_number
+from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.force_headers import FORCE, axes_of_force, axis_of, is_alone, is_elsewhere
@@ -269,9 +270,9 @@ def is_constant(family: Family, column: str) -> bool:
 
 
 def numbers(family: Family, column: str) -> NDArray[np.float64]:
-    """The numbers of a column; empty if a cell is not a number."""
+    """The numbers of a column, NaN for an empty cell; empty if a cell is not a number."""
     try:
-        return np.array([float(row[column]) for row in family.rows])
+        return np.array([float(stated(row[column]) or "nan") for row in family.rows])
     except ValueError:
         return np.array([])
 
