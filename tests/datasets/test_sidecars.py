@@ -326,7 +326,7 @@ def test_two_rates_of_a_film_are_told(rate: int, tmp_path: Path) -> None:
     data = Recordings(str(tmp_path), layouts={"guessed": layout}, val=0)
     for one in data.recordings("train"):
         np.testing.assert_allclose(one.times, np.arange(24) / 20, atol=1e-6)
-    assert len(data.recordings("train")) == 2
+    assert len(list(data.recordings("train"))) == 2
 
 
 def test_arrays_beside_each_other(tmp_path: Path) -> None:
