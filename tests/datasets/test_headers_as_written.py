@@ -127,6 +127,19 @@ def test_a_hint_about_a_force_is_right_as_it_is_pasted(header: str, tmp_path: Pa
         np.testing.assert_allclose(one.force[:, 2], FORCE, atol=1e-3)
 
 
+@pytest.mark.parametrize("header", ["frame,fn,Fz", "frame,fn,note"])
+def test_a_name_of_a_file_is_no_force(header: str, tmp_path: Path) -> None:
+    folder(tmp_path, header, [f"{n},shot{n}.png,{z}" for n, z in enumerate(FORCE)])
+    found, doubts = read(tmp_path)
+    for one in found:
+        if "Fz" in header:
+            assert one.force is not None
+            np.testing.assert_allclose(one.force[:, 2], FORCE, atol=1e-6)
+        else:
+            assert one.force is None
+    assert not any(line.startswith("force: fn") for line in doubts)
+
+
 def test_columns_of_0_and_1_are_tracks(tmp_path: Path) -> None:
     slip = [int(n > 8) for n in range(COUNT)]
     rows = [f"{n},{int(n > 2)},{slip[n]},{n % 3}" for n in range(COUNT)]

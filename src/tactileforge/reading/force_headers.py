@@ -7,7 +7,13 @@ from collections.abc import Sequence
 
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.reading.sides import SIDES
-from tactileforge.reading.view_words import COMMANDS, ROBOT, apart_by_capitals, words_of
+from tactileforge.reading.view_words import (
+    COMMANDS,
+    DERIVED_FORCES,
+    ROBOT,
+    apart_by_capitals,
+    words_of,
+)
 
 #: Force, in English, German, Dutch, Spanish, Italian and Chinese.
 FORCE = r"(?:forces?|kraft|kracht|fuerza|forza|力)"
@@ -37,26 +43,14 @@ _ALONE = re.compile(
 )
 _WEIGHED = re.compile(rf"(?:\S*[./])?(?:weight|{FORCE}|load|f)(?![^\W_])")
 #: Words of a force that say nothing of whose it is.
-_PLAIN = {"f", "fx", "fy", "fz", "fn", "fxyz", "x", "y", "z", "force", "forces", "torque", "ft"}
-_PLAIN |= {
-    "wrench",
-    "wrenches",
-    "normal",
-    "shear",
-    "tangential",
-    "lateral",
-    "field",
-    "in",
-    "torques",
+_PLAIN = {
+    *("f", "fx", "fy", "fz", "fn", "fxyz", "x", "y", "z", "force", "forces", "torque", "torques"),
+    *("ft", "wrench", "wrenches", "normal", "shear", "tangential", "lateral", "field", "in"),
 }
-#: Words of what is computed from forces, or is none.
-_COMPUTED = {"max", "min", "std", "stddev", "sd", "sigma", "var", "variance", "cov", "bias"}
-_COMPUTED |= {"offset", "tare", "pred", "predicted", "prediction", "error", "err", "residual"}
-_COMPUTED |= {"dot", "rate", "derivative", "vel", "velocity", "norm", "magnitude"}
 #: Words of a force that is taken where there is no other.
 _LAST = {"raw", "uncalibrated", "est", "estimate", "estimated"}
 #: Words of a force that is not measured on the gel.
-_ELSEWHERE = ROBOT | COMMANDS | _COMPUTED
+_ELSEWHERE = ROBOT | COMMANDS | DERIVED_FORCES
 
 
 def axis_of(title: str) -> str:

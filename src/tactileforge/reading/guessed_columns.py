@@ -115,12 +115,21 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
 def force_columns(family: Family) -> list[str | None]:
     """Headers of the forces along x, y and z; None for an axis without one."""
     if not family.is_numbered:
-        found = axes_of_force(list(family.rows[0]), family.side)
+        found = axes_of_force(numeric(family), family.side)
         ways = (_forces_by_unit, _normal_force)
         return found if any(found) else next(filter(any, (way(family) for way in ways)), found)
     if not _is_called(_FORCE_STEM, family):
         return [None] * 3
     return numbered_forces(family)
+
+
+def numeric(family: Family) -> list[str]:
+    """Headers of a table but those of words, such as names of files below ``fn``."""
+    first = {
+        name: next((cell for row in family.rows if (cell := stated(row[name]))), "0")
+        for name in family.rows[0]
+    }
+    return [name for name, cell in first.items() if re.match(r"[-+.]*\d|[-+]?inf", cell.lower())]
 
 
 def _forces_by_unit(family: Family) -> list[str | None]:
@@ -136,7 +145,7 @@ def _forces_by_unit(family: Family) -> list[str | None]:
 
 def _normal_force(family: Family) -> list[str | None]:
     """The only column of force, as of a load cell: the normal one."""
-    header = family.rows[0]
+    header = numeric(family)
     if any(axis_of(title) and not is_elsewhere(words_of(title)) for title in header):
         return [None] * 3
     named = [title for title in header if is_alone(title)]

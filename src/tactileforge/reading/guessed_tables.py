@@ -25,6 +25,7 @@ from tactileforge.reading.guessed_columns import (
     moments,
     numbered_forces,
     numbers,
+    numeric,
     rising_column,
     says_no_axis,
     time_column,
@@ -209,7 +210,7 @@ def guess_force(
         if columns[0] is columns[1] is None:
             along = f"{columns[2]} for the normal one, pressing positive; x and y are not known"
         doubts.append(f"force: taken for {said}, {along}")
-        others = [name for name in family.rows[0] if axis_of(name) and name not in columns]
+        others = [name for name in numeric(family) if axis_of(name) and name not in columns]
         if others:
             doubts.append(
                 f"force: {columns[2]} and no other column of {family.template} is taken for that "
@@ -217,7 +218,7 @@ def guess_force(
             )
         return {"force": table}, used
     for family in found:
-        others = [name for name in family.rows[0] if axis_of(name)]
+        others = [name for name in numeric(family) if axis_of(name)]
         if others and force_columns(family)[2] is None:
             clock = _clock(family, units, []) if is_for_all(family, units) else None
             columns = [next((x for x in others if axis_of(x) == axis), None) for axis in "xyz"]
@@ -228,7 +229,7 @@ def guess_force(
             )
             break
     for family in found:
-        if others := [name for name in family.rows[0] if says_no_axis(name)]:
+        if others := [name for name in numeric(family) if says_no_axis(name)]:
             clock = _clock(family, units, []) if is_for_all(family, units) else None
             several = f"{', '.join(others[:6])} of {family.template} say no axis, and are not read"
             which = f"if {others[0]} presses along z (else name those along x, y and z)"
