@@ -127,6 +127,24 @@ def test_a_hint_about_a_force_is_right_as_it_is_pasted(header: str, tmp_path: Pa
         np.testing.assert_allclose(one.force[:, 2], FORCE, atol=1e-3)
 
 
+def test_numbers_of_a_camera_are_no_force(tmp_path: Path) -> None:
+    folder(tmp_path, "fx,fy,cx,cy", ["600.1,600.2,320,240"])
+    found, doubts = read(tmp_path)
+    assert all(one.force is None for one in found)
+    assert not any(line.startswith("force") for line in doubts)
+
+
+def test_several_forces_are_asked_for_with_a_right_hint(tmp_path: Path) -> None:
+    folder(tmp_path, "frame,fz_a,fz_b", [f"{n},{z},0" for n, z in enumerate(FORCE)])
+    found, doubts = read(tmp_path)
+    assert all(one.force is None for one in found)
+    (line,) = (line for line in doubts if line.startswith("force: fz_a, fz_b"))
+    hint = yaml.safe_load(line.partition("if they act on the gel: ")[2])
+    for one in read(tmp_path, **hint)[0]:
+        assert one.force is not None
+        np.testing.assert_allclose(one.force[:, 2], FORCE, atol=1e-6)
+
+
 @pytest.mark.parametrize("header", ["frame,fn,Fz", "frame,fn,note"])
 def test_a_name_of_a_file_is_no_force(header: str, tmp_path: Path) -> None:
     folder(tmp_path, header, [f"{n},shot{n}.png,{z}" for n, z in enumerate(FORCE)])

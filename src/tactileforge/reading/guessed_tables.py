@@ -217,11 +217,18 @@ def guess_force(
                 f"on the gel: {', '.join(others[:6])} are left out"
             )
         return {"force": table}, used
+    _ask(found, units, doubts)
+    return {}, []
+
+
+def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
+    """Add lines about columns of forces whose axis, place or name is not known."""
     for family in found:
         others = [name for name in numeric(family) if axis_of(name)]
-        if others and force_columns(family)[2] is None:
+        columns = [next((x for x in others if axis_of(x) == axis), None) for axis in "xyz"]
+        # fx and fy without fz are of a camera
+        if columns[2] and force_columns(family)[2] is None:
             clock = _clock(family, units, []) if is_for_all(family, units) else None
-            columns = [next((x for x in others if axis_of(x) == axis), None) for axis in "xyz"]
             doubts.append(
                 f"force: {', '.join(others[:3])} of {family.template} act elsewhere by their "
                 "names, or are of several, and are left out; if they act on the gel: "
@@ -252,7 +259,6 @@ def guess_force(
                 f"columns: {columns}}}"
             )
             break
-    return {}, []
 
 
 def guess_tracks(
