@@ -260,10 +260,16 @@ def test_force_and_its_actions(tmp_path: Path, make_video: MakeFile, write: Make
         read(tmp_path, **VIDEO | {"force": FORCE | {"file": "gone.csv"}})
 
 
-def test_nan_forces_are_an_error(tmp_path: Path, make_video: MakeFile, write: MakeFile) -> None:
+def test_nan_is_no_label_and_an_infinite_force_an_error(
+    tmp_path: Path, make_video: MakeFile, write: MakeFile
+) -> None:
     make_video("a.avi", count=4)
     write("a.csv", "x,y,z\n0,0,1\n0,nan,1\n0,0,1\n0,0,1\n")
-    with pytest.raises(DataError, match=r"a\.csv, row 3, column 'y': 'nan' is not a finite number"):
+    (recording,) = read(tmp_path, **VIDEO | {"force": FORCE})
+    assert recording.force is not None
+    np.testing.assert_array_equal(recording.force, [[0, 0, -1], [0, np.nan, -1], *[[0, 0, -1]] * 2])
+    write("a.csv", "x,y,z\n0,0,1\n0,inf,1\n0,0,1\n0,0,1\n")
+    with pytest.raises(DataError, match=r"a\.csv, row 3, column 'y': 'inf' is not a finite number"):
         read(tmp_path, **VIDEO | {"force": FORCE})
 
 

@@ -279,6 +279,56 @@ def test_what_one_file_says_of_all_recordings(tmp_path: Path) -> None:
     assert "fps: 50.0, by meta.json" in guess.doubts
 
 
+@pytest.mark.parametrize(
+    ("about", "factor"),
+    [
+        ({"force_unit": "mN"}, 1e-3),
+        ({"units": {"force": "gram", "time": "s"}}, 9.80665e-3),
+        ({"unit": "N"}, 1),
+        ({"unit": "mm"}, 1),
+        ({"force_unit": "V"}, None),
+    ],
+)
+def test_a_file_says_the_unit_of_forces(
+    about: dict[str, object], factor: float | None, tmp_path: Path
+) -> None:
+    for k in range(2):
+        for n in range(20):
+            image(tmp_path / f"take_{k}/{n:04d}.png", 90 + n)
+        table(tmp_path / f"take_{k}/ft.csv", "frame,fz", (f"{n},{n / 10}" for n in range(20)))
+    (tmp_path / "meta.json").write_text(json.dumps(about))
+    found, guess = read(tmp_path)
+    for one in found.values():
+        if factor is None:
+            assert one.force is None
+            assert "force: ft.csv has it in v, left out" in guess.doubts
+            continue
+        np.testing.assert_allclose(one.force[:, 2], factor * np.arange(20) / 10, rtol=1e-6)
+        is_said = any("by units.force of meta.json" in line for line in guess.doubts)
+        assert is_said == ("units" in about)
+
+
+@pytest.mark.parametrize("rate", [20, 30])
+def test_two_rates_of_a_film_are_told(rate: int, tmp_path: Path) -> None:
+    for k in range(2):
+        write_video(tmp_path / f"{k}.avi", press(k, 24), 30)
+    (tmp_path / "meta.json").write_text(json.dumps({"camera": {"fps": rate}}))
+    found, guess = read(tmp_path)
+    for one in found.values():
+        np.testing.assert_allclose(one.times, np.arange(24) / 30, atol=1e-6)
+    told = [line for line in guess.doubts if "meta.json" in line]
+    if rate == 30:
+        assert told == []
+        return
+    (line,) = told
+    assert "films say 30 frames a second, which is taken, and camera.fps of meta.json" in line
+    layout = layout_of(guess) | {"fps": int(line.rpartition("fps: ")[2])}
+    data = Recordings(str(tmp_path), layouts={"guessed": layout}, val=0)
+    for one in data.recordings("train"):
+        np.testing.assert_allclose(one.times, np.arange(24) / 20, atol=1e-6)
+    assert len(list(data.recordings("train"))) == 2
+
+
 def test_arrays_beside_each_other(tmp_path: Path) -> None:
     pixels = RNG.integers(0, 256, (20, *SIZE), np.uint8)
     forces = np.stack([np.zeros(20), np.ones(20), np.arange(20) / 10], 1)

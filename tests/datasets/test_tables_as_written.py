@@ -128,6 +128,14 @@ TABLES: dict[str, Write] = {
     "a line of units": text("forces.csv", "Time,Fx,Fy,Fz", "s,N,N,N"),
     "a line of other units": text("forces.csv", "Time,Fx,Fy,Fz", "[s],[mN],[mN],[mN]", rows=IN_MN),
     "a line of groups": text("forces.csv", ",Force,,", "Time,x,y,z"),
+    "groups as empty columns": text(
+        "wrench.csv",
+        "rosbagTimestamp,header,seq,wrench,force,x,y,z,torque,x,y,z",
+        rows=[
+            [str(t), "", str(n), "", "", *map(str, one[:3]), "", *map(str, one[3:])]
+            for n, (t, one) in enumerate(zip(TIMES, WRENCHES, strict=True))
+        ],
+    ),
     "units in names": text("forces.csv", "time [s],Fx [mN],Fy [mN],Fz [mN]", rows=IN_MN),
     "milliseconds": text(
         "ft.csv",

@@ -11,7 +11,7 @@ import yaml
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
-from tactileforge.reading.sensor_names import named_sensor
+from tactileforge.reading.sensor_names import guess_sensor, named_sensor
 from tactileforge.reading.view_words import scenes
 
 COUNT = 10
@@ -118,6 +118,42 @@ def test_what_is_a_view_by_its_name(names: list[str], left: list[str]) -> None:
 )
 def test_sensors_as_they_are_written(written: str, sensor: str) -> None:
     assert named_sensor(written) == sensor
+
+
+@pytest.mark.parametrize(
+    ("words", "sensor", "said"),
+    [
+        ("digital_twin", "gelsight_mini", "no name tells the type"),
+        ("prestidigitation/admin/dmitri", "gelsight_mini", "no name tells the type"),
+        ("digitized_mug", "gelsight_mini", "no name tells the type"),
+        ("Digit360", "digit", "digit360 by its name, which no package has; digit is the nearest"),
+        ("digit360_2/GelSight360", "gelsight", "gelsight360 by its name, which no package has"),
+        ("digits", "digit", "by the word digits"),
+        ("hand_digit_0", "digit", ""),
+        ("DM-Tac", "dm", ""),
+        ("DMTac_W", "dm", ""),
+        ("GelSightR1.5", "gelsight", ""),
+        ("leftgelsight", "gelsight", ""),
+    ],
+)
+def test_words_that_hold_the_name_of_a_sensor(words: str, sensor: str, said: str) -> None:
+    doubts: list[str] = []
+    assert guess_sensor(words, lambda: (40, 60), doubts) == {"sensor": sensor}
+    assert len(doubts) == bool(said)
+    assert all(said in line for line in doubts)
+
+
+def test_the_sensor_in_a_file_of_nested_keys(tmp_path: Path) -> None:
+    about = {"sensor": {"type": "DIGIT", "serial": "D20123"}, "camera": {"fps": 25}}
+    for k in range(2):
+        images(tmp_path / f"a/trial_{k}")
+        images(tmp_path / f"b/trial_{k}")
+        (tmp_path / f"b/trial_{k}/about.yaml").write_text(yaml.safe_dump(about))
+    (tmp_path / "a/config.yaml").write_text(yaml.safe_dump(about))
+    for root in "ab":
+        found, doubts = read(tmp_path / root)
+        assert {one.sensor for one in found.values()} == {"digit"}
+        assert not any("no name tells the type" in line for line in doubts)
 
 
 def test_sensors_of_folders_and_files_beside(tmp_path: Path) -> None:
@@ -359,3 +395,19 @@ def test_a_weight_needs_a_unit_and_a_unit_a_word(
     found, doubts = read(tmp_path)
     assert {one.force is not None for one in found.values()} == {is_force}
     assert any(line.startswith(f"force: {told} of") for line in doubts) == bool(told)
+
+
+def test_both_sides_in_one_table_beside_a_film_of_each(tmp_path: Path) -> None:
+    for k in range(3):
+        for side in ("left", "right"):
+            video(tmp_path / f"trial_{k}/{side}.avi")
+        rows = [f"{n / 20},9,{z:.4f},{2 * z:.4f}" for n, z in enumerate(FORCE)]
+        (tmp_path / f"trial_{k}/ft.csv").write_text("\n".join(["t,fz_cmd,fz_l,fz_r", *rows]) + "\n")
+    found, doubts = read(tmp_path)
+    assert len(found) == 6
+    for name, one in found.items():
+        check(one, 1 if name.endswith("left.avi") else 2)
+    assert (
+        "left: force: fz_l and no other column of {folder}/ft.csv is taken for that on the gel: "
+        "fz_cmd, fz_r are left out"
+    ) in doubts

@@ -117,8 +117,8 @@ def test_images_lag_the_force(tmp_path: Path, write: Write) -> None:
     ("row", "message"),
     [
         (
-            "1,nan,0,0",
-            r"f\.csv, row 3, column 'fx': 'nan' is not a finite number; leave the cell empty",
+            "1,inf,0,0",
+            r"f\.csv, row 3, column 'fx': 'inf' is not a finite number; leave the cell empty",
         ),
         ("1,0,inf,0", r"row 3, column 'fy': 'inf' is not a finite number"),
         ("1,0,0,much", r"row 3, column 'fz': 'much' is not a finite number"),
@@ -178,6 +178,47 @@ def test_force_on_a_clock_of_its_own(tmp_path: Path, write: Write) -> None:
     for wrong in ("0,0\n0.2,0\n0.1,0\n", "0,0\n,0\n"):
         with pytest.raises(DataError, match=r"f\.csv, row \d: the time .* is not after that"):
             read_force(table, write("f.csv", "t,fz\n" + wrong), TIMES, "digit")
+
+
+DATES = ["5/13/2024 2:22:05.{} PM", "13.05.2024 14:22:05,{}", "13/05/2024 14:22:05.{}"]
+DATES += ["2024-05-13 14:22:05.{}", "2:22:05.{} pm", "14:22:05.{}"]
+
+
+@pytest.mark.parametrize("date", DATES)
+def test_forces_by_dates_as_programs_write_them(date: str, tmp_path: Path, write: Write) -> None:
+    table = FrameTable("f.csv", None, ("", "", "fz"), time="t", start="first_row")
+    rows = "".join(f'"{date.format(100 * i)}",{i}\n' for i in range(1, 6))
+    path = write("f.csv", "t,fz\n" + rows)
+    np.testing.assert_allclose(
+        read_force(table, path, TIMES, "digit")[:, 2], [1, 2, 3, 4, 5], rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("0.02,1\n0.02,2\n", r"row 3: the time '0\.02' is that of the row before, too; write"),
+        ("0.02,1\n0.01,2\n", r"row 3: the time '0\.01' is not after .*; sort the rows by time"),
+        ("5/6/2024 14:22:05,1\n", r"column 't': '5/6/2024 14:22:05': 5 or 6 may be the month"),
+        ("5/32/2024 2:22:05 PM,1\n", r"column 't': .* write numbers, or dates as 2024-10-27"),
+        ("99:99 h,1\n", r"column 't': '99:99 h' is no number, date or time of day"),
+    ],
+)
+def test_times_that_cannot_be_read(rows: str, message: str, tmp_path: Path, write: Write) -> None:
+    table = FrameTable("f.csv", None, ("", "", "fz"), time="t")
+    with pytest.raises(DataError, match=message):
+        read_force(table, write("f.csv", "t,fz\n" + rows), TIMES, "digit")
+
+
+@pytest.mark.parametrize("keys", [{"time": "t"}, {"frame": "n"}, {}])
+def test_empty_rows_at_the_end_and_words_for_no_value(
+    keys: dict[str, str], tmp_path: Path, write: Write
+) -> None:
+    rows = [f"{n / 10};{n};{'nan' if n < 2 else n}" for n in range(5)]
+    path = write("f.csv", "\n".join(["t;n;fz", *rows, ";;", ";;", ""]))
+    table = FrameTable("f.csv", keys.get("frame"), ("", "", "fz"), time=keys.get("time"))
+    force = read_force(table, path, TIMES, "digit")
+    np.testing.assert_allclose(force[:, 2], [np.nan, np.nan, 2, 3, 4], rtol=1e-6)
 
 
 def test_actions_per_frame(tmp_path: Path, write: Write) -> None:

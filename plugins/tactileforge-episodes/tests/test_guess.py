@@ -457,6 +457,32 @@ def test_a_force_with_a_clock_of_its_own(writer, touch, times, force, clock, tmp
     np.testing.assert_allclose(one.force[:, 2], 3.0 * np.arange(9), atol=1e-5)  # z was turned
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("mN", 1e-3), (b"N", 1), ("V", None)])
+def test_an_attribute_says_the_unit_of_a_force(unit, factor, tmp_path):
+    force = np.arange(36.0).reshape(12, 3)
+    arrays = {"digit/image": pictures(12, 24, 32, 3), "digit/force": force}
+    write_hdf5(tmp_path / "take.hdf5", arrays)
+    with h5py.File(tmp_path / "take.hdf5", "r+") as file:
+        file["digit/force"].attrs["unit"] = unit
+    ((_, guess),) = recognise(tmp_path)
+    found, notes = read(tmp_path, **{k: v for k, v in guess.options.items() if k != "root"})
+    (one,) = found.values()
+    if factor is None:
+        assert one.force is None
+        assert any("digit/force is in v by its attribute, so it is a track" in x for x in notes)
+    else:
+        np.testing.assert_allclose(one.force, factor * force, rtol=1e-6)
+
+
+def test_the_name_of_an_array_says_the_order_of_channels(tmp_path):
+    colour = pictures(12, 24, 32, 3)
+    write_npz(tmp_path / "take.npz", {"tactile_bgr": colour})
+    found, notes = read(tmp_path)
+    (one,) = found.values()
+    np.testing.assert_array_equal(one.frames.read(range(12)), colour[..., ::-1])
+    assert any("channels: bgr, as the name tactile_bgr says" in note for note in notes)
+
+
 @pytest.mark.parametrize(("said", "flipped"), [("BGR", True), ("rgb8", False), ("jpeg", False)])
 def test_an_attribute_says_the_order_of_channels(said, flipped, tmp_path):
     shown = pictures(9, 24, 32, 3)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.data.labels.clock import after_midnight, clock_number
+from tactileforge.data.labels.clock import UNITS, after_midnight, clock_number
+from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
+from tactileforge.reading.force_headers import FORCE, axes_of_force, axis_of, is_alone, is_elsewhere
 from tactileforge.reading.guessed_numbers import named_time_unit
-from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
@@ -22,41 +23,43 @@ from tactileforge.reading.table_families import (
 )
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
-from tactileforge.reading.view_words import COMMANDS, ROBOT, apart_by_capitals, words_of
+from tactileforge.reading.view_words import apart_by_capitals, words_of
 
-#: Name of what stands before a value of a message (``field.wrench.force.x``), or of a file.
-_BEFORE = r"(?:\S*[./])?"
-#: Force, in English, German, Dutch, Spanish and Italian.
-FORCE = r"(?:forces?|kraft|kracht|fuerza|forza)"
-#: Words for a force along an axis.
-_WORDS = {axis: rf"(?:shear|tangential|lateral)(?:[_ ]?force)?[_ ]?{axis}" for axis in "xy"}
-_WORDS["z"] = r"(?:normal(?:[_ ]?force)?|force[_ ]?normal)"
-#: Headers of columns, without the unit behind them.
-_FORCES = {
-    axis: re.compile(
-        rf"{_BEFORE}(?:(?:{FORCE}|f)[_ .]?{axis}(?![^\W_]).*|{axis}[_ .]?{FORCE}(?![^\W_]).*"
-        rf"|(?:forces?|wrench(?:es)?|ft|f|fxyz|force_?torques?)(?:_\w+)?[_.]{place}"
-        rf"|{_WORDS[axis]}(?![^\W_]).*)"
-    )
-    for place, axis in enumerate("xyz")
-}
-#: Header of the only force, without an axis; and words that need a unit.
-_ALONE = re.compile(rf"{_BEFORE}(?:{FORCE}|load|load_?cell|fn)(?:[_ (\[]+\w+[)\]]?)?")
-_WEIGHED = re.compile(rf"{_BEFORE}(?:weight|{FORCE}|load)(?![^\W_])")
-_TIME = re.compile(
-    r"t|[mun]s|%?(?:times?|zeit|elapsed(?:[_ ]time)?)(?:[_ ]?stamps?)?"
-    r"(?:[_ (\[]{1,2}(?:[mun]?s|secs?|seconds?)[)\]]?)?"
-    r"|t[_ (\[]{1,2}[mun]?s[)\]]?|stamps?|(?:\w+\.)+(?:time)?stamp"
-    r"|(?:\w+\.)*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
+#: Whose or which time: a clock, what was stamped, or since when.
+_CLOCK = (
+    r"(?:ros(?:bag)?|unix|sys(?:tem)?|host|pc|wall|local|recv|receive|header|sensor|ft|robot|daq"
+    r"|cam(?:era)?|frame|image|rel(?:ative)?|elapsed|absolute|epoch)"
 )
-FRAME = re.compile(r"(?:video_|image_)?frame(?:_?(?:i?d?x?|number|no|count))?|index")
+_UNIT_OF_TIME = r"(?:[mun\u00b5\u03bc]?s(?:ecs?)?|(?:milli|micro|nano)?sec(?:ond)?s?)"
+_TIME = re.compile(
+    rf"%?#?(?:{_CLOCK}[_ ./]?)?"
+    r"(?:t|times?|zeit(?:stempel)?|tiempo|epoch|clock|date[_ /]?time|\u65f6\u95f4\u6233?"
+    r"|(?:times?[_ ]?)?stamps?)"
+    rf"(?:[_ ,/(\[]{{1,2}}(?:in[_ ])?{_UNIT_OF_TIME}[)\]]?|[_ ](?:rel|ft|since[_ ]start))?"
+    r"|ts|[mun]s|millis|micros|(?:milli|micro)sec(?:ond)?s|[mu]secs?|unix|elapsed|x[_ ]value"
+    r"|(?:\w+\.)+(?:time)?stamp|(?:\w+[._])*(?:(?:time)?stamp[._])?(?:secs?|seconds?)"
+)
+FRAME = re.compile(
+    r"(?:video_|image_|img_|camera_)?frame(?:[_ ]?(?:idx?|i|index|number|num|no\.?|nr\.?|count|#))?"
+    r"|(?:image|img)[_ ]?(?:idx?|index|number|num|no|nr)|index"
+)
+#: Headers of numbers: of frames, where they are in the range of these and leave some out.
+_COUNTER = re.compile(r"i|n|no|nr|idx|id|row|step|sample|seq|tick|t[_ ]?idx")
+#: Words of columns with another meaning than time, which may rise as well.
+_NO_TIME = {"x", "y", "z", "w", "depth", "pos", "position", "disp", "displacement", "dist"}
+_NO_TIME |= {"distance", "travel", "angle", "height", "mm", "cm", "um", "deg", "rad", "temp"}
+#: Fewest rows of a rising column, and its largest ratio to the duration of the frames.
+_LEAST_ROWS, _LASTS = 8, 1.25
 OBJECT = re.compile(r"obj(?:ect)?(?:[_ ]?(?:name|class|label))?|label|class|name|material|item")
 #: Number of an object, which is its name where no column has that.
 OBJECT_NUMBER = re.compile(r"obj(?:ect)?[_ ]?(?:id|number|no|nr)")
-SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
+SENSOR = re.compile(r"(?:tactile_?)?sensor(?:[_.]?(?:type|name|model))?")
 TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
-#: Words before a force that is none on the gel as it was measured.
-_ELSEWHERE = ROBOT | COMMANDS | {"max", "min", "std", "var", "bias"}
+#: Headers of forces without an axis: a word of force, or its letter with a word or number.
+_SOME_FORCE = re.compile(
+    rf"(?:.*[\W_\d])?(?:\w*{FORCE}|f[_ ]?\d|f[_ ]?(?:t|tot|total|res|abs|mag|norm|sum|shear))"
+    r"(?![^\W\d_]).*|load(?![^\W\d_]).*|\|f\|"
+)
 #: Stems of arrays by what they hold: an array has no headers.
 _FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
 _TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
@@ -99,7 +102,7 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
         ('episode_index', 't_ms', 'ms', ('force.0', 'force.1', 'force.2'))
     """
     family = Family("", (), rows=[dict.fromkeys(header, "")])
-    x, y, z = (family.column(_FORCES[axis]) for axis in "xyz")
+    x, y, z = axes_of_force(header)
     times = time_column(family, "")
     return NamedColumns(
         (x, y, z),
@@ -112,27 +115,21 @@ def named_columns(header: Sequence[str]) -> NamedColumns:
 def force_columns(family: Family) -> list[str | None]:
     """Headers of the forces along x, y and z; None for an axis without one."""
     if not family.is_numbered:
-        found = [family.column(_FORCES[axis]) for axis in "xyz"]
-        ways = (_forces_of_one, _forces_by_unit, _normal_force)
+        found = axes_of_force(numeric(family), family.side)
+        ways = (_forces_by_unit, _normal_force)
         return found if any(found) else next(filter(any, (way(family) for way in ways)), found)
     if not _is_called(_FORCE_STEM, family):
         return [None] * 3
     return numbered_forces(family)
 
 
-def _forces_of_one(family: Family) -> list[str | None]:
-    """Columns of forces behind the name of a sensor (``ati_fx``), the only one of the table."""
-    names: dict[str, list[str | None]] = {}
-    for title in family.rows[0]:
-        for place, axis in enumerate("xyz"):
-            plain = apart_by_capitals(title.strip()).lower()
-            if found := re.fullmatch(rf"(\w+?)[_ ]{_FORCES[axis].pattern}", plain):
-                names.setdefault(found[1], [None, None, None])[place] = title
-    if family.side and any(not SIDE_NAMES.isdisjoint(words_of(name)) for name in names):
-        # of a table of both sides
-        names = {name: one for name, one in names.items() if family.side in words_of(name)}
-    whole = [one for name, one in names.items() if one[2] and _ELSEWHERE.isdisjoint(words_of(name))]
-    return whole[0] if len(whole) == 1 else [None] * 3
+def numeric(family: Family) -> list[str]:
+    """Headers of a table but those of words, such as names of files below ``fn``."""
+    first = {
+        name: next((cell for row in family.rows if (cell := stated(row[name]))), "0")
+        for name in family.rows[0]
+    }
+    return [name for name, cell in first.items() if re.match(r"[-+.]*\d|[-+]?inf", cell.lower())]
 
 
 def _forces_by_unit(family: Family) -> list[str | None]:
@@ -140,6 +137,7 @@ def _forces_by_unit(family: Family) -> list[str | None]:
     found: list[str | None] = []
     for axis in "xyz":
         named = [title for title in family.rows[0] if axis in words_of(title)]
+        named = [title for title in named if not is_elsewhere(words_of(title))]
         of_force = [title for title in named if named_unit(title) in NEWTONS]
         found.append(of_force[0] if len(of_force) == 1 else None)
     return found if all(found) else [None] * 3
@@ -147,33 +145,21 @@ def _forces_by_unit(family: Family) -> list[str | None]:
 
 def _normal_force(family: Family) -> list[str | None]:
     """The only column of force, as of a load cell: the normal one."""
-    named = [title for title in family.rows[0] if _is_normal(title)]
+    header = numeric(family)
+    if any(axis_of(title) and not is_elsewhere(words_of(title)) for title in header):
+        return [None] * 3
+    named = [title for title in header if is_alone(title)]
     if len(named) != 1 or is_constant(family, named[0]):
         return [None] * 3
     return [None, None, named[0]]
 
 
-def _is_normal(title: str) -> bool:
-    """Whether a column is called force or load, or weighs in a unit."""
-    words = apart_by_capitals(title.strip()).lower()
-    if not _ELSEWHERE.isdisjoint(words_of(title)):
-        return False
-    return bool(_ALONE.fullmatch(words)) or (
-        bool(_WEIGHED.match(words)) and named_unit(title) in NEWTONS
-    )
-
-
 def says_no_axis(title: str) -> bool:
     """Whether a column is a force by its name or unit, along no known axis."""
-    numbered = re.fullmatch(rf"(?:{FORCE}|f)[_ ]?\d.*", title.strip().lower())
-    return bool(numbered) or named_unit(title) in NEWTONS
-
-
-def is_elsewhere(title: str) -> bool:
-    """Whether a column is a force behind another name."""
+    if axis_of(title):
+        return False
     plain = apart_by_capitals(title.strip()).lower()
-    patterns = (rf"\w+?[_ ]{_FORCES[axis].pattern}" for axis in "xyz")
-    return any(re.fullmatch(pattern, plain) for pattern in patterns)
+    return bool(_SOME_FORCE.fullmatch(plain)) or named_unit(title) in NEWTONS
 
 
 def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
@@ -219,6 +205,50 @@ def time_column(family: Family, stem: str | None = None) -> str | None:
     return next((name for name in names if "stamp" in name.lower()), names[0] if names else None)
 
 
+def frame_column(family: Family, count: int) -> tuple[str | None, bool]:
+    """Header of the numbers of frames; and whether only its numbers tell it, not its name.
+
+    Args:
+        family: A table.
+        count: Number of frames.
+    """
+    header = family.rows[0]
+    for name in (name for name in header if fits(FRAME, name)):
+        if (values := numbers(family, name)).size and (values == np.rint(values)).all():
+            return name, False
+    for name in (name for name in header if fits(_COUNTER, name)):
+        values, steps = (found := numbers(family, name)), np.diff(found)
+        is_whole = bool(len(steps)) and (values == np.rint(values)).all()
+        if (
+            is_whole
+            and steps.min() > 0
+            and steps.max() > 1
+            and 0 <= values[0] <= values[-1] < count
+        ):
+            return name, True
+    return None, False
+
+
+def rising_column(family: Family, seconds: float, others: Iterable[str | None]) -> tuple[str, str]:
+    """The only column that rises and lasts as long as the frames, and its unit; "" for none.
+
+    Args:
+        family: A table.
+        seconds: Duration of the frames.
+        others: Columns that are known.
+    """
+    found = []
+    for name in family.rows[0].keys() - {*others} if not family.is_numbered else ():
+        values = moments(family, name)
+        if len(values) < _LEAST_ROWS or not _NO_TIME.isdisjoint(words_of(name)):
+            continue
+        span = float(values[-1] - values[0]) if (np.diff(values) > 0).all() else 0.0
+        for unit, second in UNITS.items():
+            if seconds / _LASTS < span * second < seconds * _LASTS:
+                found.append((name, unit))
+    return found[0] if len(found) == 1 else ("", "")
+
+
 def counts(family: Family, column: str) -> bool:
     """Whether a column counts rows by 1."""
     values = numbers(family, column)
@@ -249,9 +279,9 @@ def is_constant(family: Family, column: str) -> bool:
 
 
 def numbers(family: Family, column: str) -> NDArray[np.float64]:
-    """The numbers of a column; empty if a cell is not a number."""
+    """The numbers of a column, NaN for an empty cell; empty if a cell is not a number."""
     try:
-        return np.array([float(row[column]) for row in family.rows])
+        return np.array([float(stated(row[column]) or "nan") for row in family.rows])
     except ValueError:
         return np.array([])
 

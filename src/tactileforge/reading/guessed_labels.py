@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from tactileforge.data.labels.clock import clock_number
+from tactileforge.data.labels.newtons import named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
+from tactileforge.reading.force_headers import FORCE
 from tactileforge.reading.guessed_columns import (
-    FORCE,
     OBJECT,
     OBJECT_NUMBER,
     SENSOR,
@@ -32,6 +33,8 @@ from tactileforge.reading.templates import template_columns
 from tactileforge.specs.published import spec
 
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
+#: Unit of forces, as ``force_unit`` or ``units.force``, or that of all values.
+_UNIT = re.compile(r"(?:.*[._])?(?:(?:forces?|ft)[._ ]?units?|units?[._ ](?:forces?|ft))|units?")
 #: A force in the name of a file: a word and a fraction, or a number and a unit.
 _IN_NAME = re.compile(
     rf"(?<![a-z])(?:(?:{FORCE}|f[nxyz]?|load)[_=]?-?\d+\.\d+"
@@ -41,6 +44,10 @@ _IN_NAME = re.compile(
 _NAMED = (("object", OBJECT), ("object", OBJECT_NUMBER), ("text", TEXT))
 #: Tables that are told to be damaged; the others are counted.
 _DAMAGED = 5
+#: Largest relative difference of two rates that are the same.
+_AS_FAST = 0.01
+#: Columns of an unread table that are told.
+_SHOWN = 8
 
 
 def guess_labels(
@@ -131,8 +138,17 @@ def guess_shared(
         (row,) = family.rows
         said: dict[str, Any] = {}
         column = family.column(_FPS)
-        if is_assumed and column and (fps := _number(row[column])) > 0:
+        fps = _number(row[column]) if column else 0.0
+        if fps > 0 and is_assumed:
             said["fps"] = fps
+        elif fps > 0 and units.each == "video" and units.seconds and not units.is_timed:
+            used.append(family)
+            own = (units.count - 1) / units.seconds
+            if abs(own / fps - 1) > _AS_FAST:
+                doubts.append(
+                    f"times: films say {own:.4g} frames a second, which is taken, and {column} of "
+                    f"{family.template} says {fps:g}; if that is right: fps: {fps:g}"
+                )
         if not family.is_own and family.files[0].suffix.lower() in RECORDS:
             for name, pattern in (("sensor", SENSOR), ("object", OBJECT), ("text", TEXT)):
                 column = family.column(pattern)
@@ -145,6 +161,22 @@ def guess_shared(
             used.append(family)
             given = said | given
     return given, used
+
+
+def guess_unit(found: Sequence[Family], doubts: list[str]) -> tuple[str, list[Family]]:
+    """Guess the unit of forces by a value of all rows (``force_unit``); "" without any.
+
+    Args:
+        found: Families of tables.
+        doubts: Lines, added to.
+    """
+    for family in found:
+        column = family.column(_UNIT)
+        unit = named_unit(family.rows[0][column]) if column else ""
+        if column and unit and is_constant(family, column):
+            doubts.append(f"force: in {unit}, by {column} of {family.template}")
+            return unit, [family]
+    return "", []
 
 
 def _number(cell: str) -> float:
@@ -219,11 +251,24 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
         if kind:
             lines.append(f"labels: {first}{more} left out: {conversion(root / first)}")
             continue
+        columns = _columns(root / first)
         lines.append(
             f"labels: {first}{more} left out, since no force of a known frame, time or image, and "
-            "no name of an object was seen; give force: or labels: of the layout, if it has some"
+            f"no name of an object was seen{columns and ' in '}{columns}; give force: or labels: "
+            "of the layout, if it has some, or tracks: for other numbers of frames"
         )
     return lines
+
+
+def _columns(path: Path) -> str:
+    """The first columns of a table as words; "" for one without names or that cannot be read."""
+    try:
+        rows = read_cells(path, [])
+    except TactileForgeError:
+        return ""
+    names = [name for name in rows[0][1] if not name.isdecimal()] if rows else []
+    more = len(names) > _SHOWN
+    return ", ".join([*names[:_SHOWN], *["others"] * more])
 
 
 def _damage(path: Path) -> str:

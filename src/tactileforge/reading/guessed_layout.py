@@ -109,9 +109,10 @@ def _by_sensors(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
 
 def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[str, list[Path]]:
     """Files of each side of a gripper, if tables have the forces of each; {} otherwise."""
+    are_files = all(path.stem.lower() in SIDE_NAMES for path in media)
     sides: dict[str, list[Path]] = {}
     for path in media:
-        sides.setdefault(path.parent.name, []).append(path)
+        sides.setdefault(path.stem if are_files else path.parent.name, []).append(path)
     if len(sides) < 2 or not {name.lower() for name in sides} <= SIDE_NAMES:
         return {}
     forces = set()

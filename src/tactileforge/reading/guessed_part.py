@@ -19,7 +19,7 @@ from tactileforge.reading.guessed_labels import (
 )
 from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, of_endings, open_media
 from tactileforge.reading.guessed_patterns import pattern_of
-from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times
+from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times, guess_tracks
 from tactileforge.reading.records import RECORDS, sheets
 from tactileforge.reading.sensor_names import guess_sensor, named_sensor
 from tactileforge.reading.sides import SIDE_NAMES
@@ -73,16 +73,19 @@ def guess_part(part: Part) -> None:
     if "sensor" in labels:
         part.forget("sensor")
     layout |= labels
+    rest = [one for one in found if one not in (*used, *of_force, *of_labels, *apart)]
+    tracks, of_tracks = guess_tracks(rest, units, doubts)
+    layout |= tracks
     if not force:
         doubts += force_in_names(part.media, part.root)
-    for family in of_force if force else ():
+    for family in of_force[:1] if force else ():
         if family not in of_labels:
             unread_words(family, layout, doubts)
     if "object" not in layout:
         layout |= _object(part)
     if split := SPLIT_OF_FOLDER.get(part.folder.lower()):
         layout["hold_out"] = "all" if split == "val" else "none"
-    used += [*of_force, *of_labels, *apart]
+    used += [*of_force, *of_labels, *of_tracks, *apart]
     used += [one for one in found if times and one.template == times["times"]["file"]]
     part.read |= {path for family in used for path in family.files}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,22 +12,25 @@ import numpy as np
 
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
+from tactileforge.reading.force_headers import axis_of
 from tactileforge.reading.guessed_columns import (
-    FRAME,
     OBJECT,
     SENSOR,
     TEXT,
     counts,
     doubt_key,
     force_columns,
-    is_elsewhere,
+    frame_column,
     leading_column,
     moments,
     numbered_forces,
     numbers,
+    numeric,
+    rising_column,
     says_no_axis,
     time_column,
 )
+from tactileforge.reading.guessed_labels import guess_unit
 from tactileforge.reading.guessed_numbers import (
     AXES,
     guess_sign,
@@ -44,6 +48,7 @@ from tactileforge.reading.table_families import (
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
 from tactileforge.reading.written_names import by_ends
+from tactileforge.util.untrusted import dump_yaml
 
 #: Units in names of files: a single letter may be anything there.
 _FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
@@ -153,7 +158,7 @@ def guess_times(
 def guess_force(
     found: Sequence[Family], units: Units, doubts: list[str]
 ) -> tuple[dict[str, Any], list[Family]]:
-    """Guess the key of forces, and its family of tables.
+    """Guess the key of forces, and its families of tables.
 
     Args:
         found: Families of tables.
@@ -170,13 +175,26 @@ def guess_force(
             continue
         clock = _clock(family, units, doubts)
         if clock is None:
+            of_force = [name for name in columns if name]
+            others = [name for name in family.rows[0] if name not in of_force]
+            beside = f" ({', '.join(others[:6])})" if others else ""
+            force = {"file": family.template, "columns": columns, "times": "COLUMN"}
+            doubts.append(
+                f"force: {', '.join(of_force)} of {family.template} are left out, as no other "
+                f"column{beside} tells the time, frame or image of a row; if one does, it is "
+                f"times:, frame: or key: of {pasted(force)}"
+            )
             continue
         stated_units = {unit for name in columns if name and (unit := named_unit(name))}
-        stated_units = stated_units or {_unit_of_file(family.files[0].stem) or "N"}
+        used = [family]
+        if not stated_units:
+            said, of_unit = guess_unit(found, doubts)
+            stated_units = {said or _unit_of_file(family.files[0].stem) or "N"}
+            used += of_unit
         if len(stated_units) > 1 or not stated_units <= NEWTONS.keys():
             said = " and ".join(sorted(stated_units))
             doubts.append(f"force: {family.files[0].name} has it in {said}, left out")
-            return {}, [family]
+            return {}, used
         (unit,) = stated_units
         if family.is_numbered and family.files[0].suffix.lower() != ".npy":
             doubts.append(
@@ -192,22 +210,40 @@ def guess_force(
         if columns[0] is columns[1] is None:
             along = f"{columns[2]} for the normal one, pressing positive; x and y are not known"
         doubts.append(f"force: taken for {said}, {along}")
-        return {"force": table}, [family]
+        others = [name for name in numeric(family) if axis_of(name) and name not in columns]
+        if others:
+            doubts.append(
+                f"force: {columns[2]} and no other column of {family.template} is taken for that "
+                f"on the gel: {', '.join(others[:6])} are left out"
+            )
+        return {"force": table}, used
+    _ask(found, units, doubts)
+    return {}, []
+
+
+def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
+    """Add lines about columns of forces whose axis, place or name is not known."""
     for family in found:
-        if others := [name for name in family.rows[0] if is_elsewhere(name)]:
+        others = [name for name in numeric(family) if axis_of(name)]
+        columns = [next((x for x in others if axis_of(x) == axis), None) for axis in "xyz"]
+        # fx and fy without fz are of a camera
+        if columns[2] and force_columns(family)[2] is None:
+            clock = _clock(family, units, []) if is_for_all(family, units) else None
             doubts.append(
                 f"force: {', '.join(others[:3])} of {family.template} act elsewhere by their "
-                "names, or are of several, and are left out; if they act on the gel: force: {file: "
-                f"{family.template!r}, columns: [...]}}"
+                "names, or are of several, and are left out; if they act on the gel: "
+                + pasted({"file": family.template, "columns": columns, **(clock or {})})
             )
             break
     for family in found:
-        if others := [name for name in family.rows[0] if says_no_axis(name)]:
-            named = ", ".join((others + ["null"] * 2)[:3])
+        if others := [name for name in numeric(family) if says_no_axis(name)]:
+            clock = _clock(family, units, []) if is_for_all(family, units) else None
+            several = f"{', '.join(others[:6])} of {family.template} say no axis, and are not read"
+            which = f"if {others[0]} presses along z (else name those along x, y and z)"
+            columns = [None, None, others[0]]
             doubts.append(
-                f"force: {', '.join(others[:6])} of {family.template} say no axis, and are not "
-                "read; if they act on the gel, name those along x, y and z: force: {file: "
-                f"{family.template!r}, columns: [{named}]}}"
+                f"force: {several}; {which}: "
+                f"{pasted({'file': family.template, 'columns': columns, **(clock or {})})}"
             )
             break
     for family in found:
@@ -223,7 +259,36 @@ def guess_force(
                 f"columns: {columns}}}"
             )
             break
+
+
+def guess_tracks(
+    found: Sequence[Family], units: Units, doubts: list[str]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the key of tracks: columns of 0 and 1 of frames, and their family of tables.
+
+    Args:
+        found: Families of tables that nothing else reads.
+        units: The recordings.
+        doubts: Lines, added to.
+    """
+    for family in found if units.each != "touch" else ():
+        names = [] if family.is_numbered or family.apart else [*family.rows[0]]
+        columns = [name for name in names if {*map(str, numbers(family, name))} == {"0.0", "1.0"}]
+        frame, _ = frame_column(family, units.count)
+        columns = [name for name in columns if name not in (frame, family.key)]
+        rows = {"frame": frame} if frame else {"key": family.key} if family.key else {}
+        if not columns or not is_for_all(family, units):
+            continue
+        if not rows and len(family.rows) != units.count:
+            continue
+        doubts.append(f"tracks: {', '.join(columns)} of each frame by {family.template}")
+        return {"tracks": {"file": family.template, **rows, "columns": columns}}, [family]
     return {}, []
+
+
+def pasted(table: Mapping[str, Any]) -> str:
+    """The key ``force`` of a layout as it is written there, in one line."""
+    return dump_yaml({"force": table}, default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
 def _unit_of_file(stem: str) -> str:
@@ -242,10 +307,22 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
         return {"key": family.key}
     if units.each == "touch":
         return {} if len(family.rows) == 1 else None
-    frame, time = family.column(FRAME), time_column(family)
+    time = time_column(family)
+    frame, is_told = frame_column(family, units.count)
     if (lead := leading_column(family)) and not time:
-        frame = lead
+        frame, is_told = lead, False
     per_frame = len(family.rows) == units.count
+    if time is None and not per_frame and (frame is None or is_told):
+        time, unit = rising_column(family, units.seconds, [frame, *force_columns(family)])
+        if time:
+            doubts.append(
+                f"force: {time} of {family.template} rises and lasts as long as the frames, so it "
+                f"is taken for the time of a row, in {unit}"
+            )
+            return {"times": time if unit == "s" else {"column": time, "unit": unit}}
+        time = None
+        if frame:
+            doubts.append(f"force: {frame} of {family.template} is taken for the number of a frame")
     if frame and per_frame and counts(family, frame) and numbers(family, frame)[0] == 1:
         doubts.append(f"force: {frame} counts from 1, so each row is of a frame in turn")
         return {}
@@ -285,7 +362,7 @@ def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, A
     told = recordings_of([row[key] for row in family.rows], names)
     own = [row for row in family.rows if names[0] in told.get(row[key], ())]
     if units.each == "touch":
-        frame = family.column(FRAME)
+        frame, _ = frame_column(family, units.count)
         clock = {"frame": frame} if frame else None
     else:
         clock = _clock(replace(family, rows=own, key=None, apart=None), units, doubts)

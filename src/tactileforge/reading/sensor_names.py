@@ -12,6 +12,10 @@ from tactileforge.specs.published import SPECS, is_type
 #: Types of sensors that have no package, and those that are most like them.
 _FOREIGN = {"wedge": "gelsight", "geltip": "gelsight", "9dtact": "gelsight"}
 _FOREIGN |= {"ninedtact": "gelsight", "tac3d": "gelsight"}
+#: Sensors whose names begin as those of others.
+_ROUND = re.compile(r"(?<![a-z])(digit|gelsight)360(?!_?\d)")
+#: Fewest letters of a name for parts of longer words to mean it: no others have these.
+_TELLING = 7
 
 
 def words_of_sensors(name: str) -> str:
@@ -24,6 +28,7 @@ def words_of_sensors(name: str) -> str:
         'gelsight_mini'
     """
     words = re.sub(r"[-\s.]+", "_", name.lower()).replace("gel_sight", "gelsight")
+    words = re.sub(r"(?<![a-z])dm_?tac(?![a-z])", "dm", words)
     return re.sub(r"(?<![a-z])(?:gelsight|gs)_?mini(?![a-z])", "gelsight_mini", words)
 
 
@@ -35,8 +40,12 @@ def named_sensor(name: str) -> str:
         ('gelsight_mini', 'digit', '')
     """
     words = words_of_sensors(name)
-    named = [spec for spec in SPECS if re.search(rf"(?<![a-z]){spec}(?![a-z])", words)]
-    return max(named, key=len, default="")
+    return max((name for name in SPECS if _is_word(name, words)), key=len, default="")
+
+
+def _is_word(name: str, words: str) -> bool:
+    """Whether a name is a word of its own among others."""
+    return re.search(rf"(?<![a-z]){re.escape(name)}(?![a-z])", words) is not None
 
 
 def guess_sensor(
@@ -51,10 +60,21 @@ def guess_sensor(
         doubts: Lines, added to.
     """
     words = words_of_sensors(words)
-    named = [name for name in SPECS if name in words]
-    named = named or [name for name in names("sensors") if name in words and is_type(name)]
+    if match := _ROUND.search(words):
+        doubts.append(
+            f"sensor: {match[0]} by its name, which no package has; {match[1]} is the nearest, "
+            f"tactileforge plugins new sensor {match[0]} makes one"
+        )
+        return {"sensor": match[1]}
+    named = [
+        name for name in SPECS if _is_word(name, words) or (len(name) >= _TELLING and name in words)
+    ]
+    named = named or [name for name in names("sensors") if _is_word(name, words) and is_type(name)]
     if named:
         return {"sensor": max(named, key=len)}  # gelsight_mini holds gelsight
+    if _is_word("digits", words):
+        doubts.append("sensor: digit, by the word digits, which may mean others")
+        return {"sensor": "digit"}
     height, width = shape()
     if foreign := next((name for name in _FOREIGN if name in words), ""):
         doubts.append(

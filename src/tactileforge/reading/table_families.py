@@ -152,6 +152,8 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             continue
         if family.key:  # others may lie beside those of images
             family.rows = [row for row in family.rows if row[FILE_COLUMN] in names]
+        while family.rows and not any(family.rows[-1].values()):
+            family.rows = family.rows[:-1]
         if not family.rows:
             continue
         family.key = family.key or _key(family.rows, names)

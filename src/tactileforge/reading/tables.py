@@ -32,6 +32,8 @@ from tactileforge.reading.text_tables import in_cells, read_text_table
 
 #: A whole number, as programs write it in a column with empty cells.
 _WHOLE = re.compile(r"^(\d+)\.0+$")
+#: Mark of a time of day.
+_CLOCK = re.compile(r"\d:\d")
 #: Place and cells of a row.
 Row: TypeAlias = tuple[str, dict[str, str]]
 #: Function from a table, its path, its row times, the frames' times and the rows' forces (n, 3) to
@@ -114,14 +116,25 @@ def _on_a_clock(
     part = part_of_second(table.time, rows)
     for where, cells in rows:
         cell = cells[table.time]
+        if not any(cells.values()):
+            continue  # as spreadsheets write below the last one
         try:
             now = clock_number(cell) if cell else None
-        except ValueError:
-            _number(cell, f"{where}, column {table.time!r}")  # says the fix
-            raise
+        except ValueError as error:
+            column = f"{where}, column {table.time!r}"
+            if not _CLOCK.search(cell):
+                _number(cell, column)  # says the fix
+            raise DataError(
+                f"{column}: {error}; write numbers, or dates as 2024-10-27 23:59:59.5"
+            ) from error
         if now is not None:
             now = (after_midnight(clock[-1], now, cell) if clock else now) + part(cells)
-        if now is None or (clock and now <= clock[-1]):
+        if now is not None and clock and now == clock[-1]:
+            raise DataError(
+                f"{where}: the time {cell!r} is that of the row before, too; write times with more "
+                "digits, or keep one row of each time"
+            )
+        if now is None or (clock and now < clock[-1]):
             raise DataError(
                 f"{where}: the time {cell!r} is not after that of the row before; sort the rows "
                 "by time"
@@ -138,7 +151,7 @@ def _force(
 ) -> NDArray[np.float64]:
     """The force of a row, (3,), N, in our axes; NaN for axes without a label."""
     row = [
-        _number(cells[name], f"{where}, column {name!r}") if name else math.nan
+        _number(stated(cells[name]), f"{where}, column {name!r}") if name else math.nan
         for name in table.columns
     ]
     # in our axes and newton, before the check: its limits are those of the sensor's axes
@@ -209,6 +222,8 @@ def _per_frame(
     if rows is None:
         rows = read_cells(path, needed, whole=table.frame is None)
     for i, (where, cells) in enumerate(rows):
+        if (table.frame or i >= count) and not any(cells.values()):
+            continue  # as spreadsheets write below the last one
         text = whole(cells[table.frame]) if table.frame else str(i)
         try:
             frame = int(text)

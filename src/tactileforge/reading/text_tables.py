@@ -30,8 +30,9 @@ _PARTED, _AROUND = re.compile(r"[,;\s]+"), "[]() \t\r\n"
 _UNITS = frozenset(
     word
     for words in (
-        "s sec seconds ms us µs ns n newton mn kn un kgf gf g kg lbf nm n.m n·m n*m n-m nmm mnm m",
-        "mm cm um µm deg rad degc °c c k v mv a ma hz pa kpa bar psi count counts adc px pixel 1 -",
+        "s sec seconds ms us µs ns n newton mn kn un cn kgf gf g kg lbf nm n.m n·m n*m n-m nmm mnm",
+        "mm cm um µm deg rad degc °c c k v mv a ma hz pa kpa bar psi count counts adc px pixel",
+        "m 1 -",
     )
     for word in words.split()
 )
@@ -94,7 +95,25 @@ def table_of(lines: Sequence[tuple[int, list[str]]], with_commas: bool = False) 
     if header is None:
         width = max((len(cells) for _, cells in rows[:_HEAD]), default=0)
         return TextTable([str(i) for i in range(width)], rows, named=False)
-    return TextTable(header, rows)
+    return TextTable(_in_groups(header, rows), rows)
+
+
+def _in_groups(header: list[str], rows: Sequence[tuple[int, Cells]]) -> list[str]:
+    """Names, those that are there twice behind their group, an empty column before them.
+
+    Example:
+        >>> _in_groups(["t", "force", "x", "torque", "x"], [(2, ["0", "", "1", "", "2"])])
+        ['t', 'force', 'force.x', 'torque', 'torque.x']
+    """
+    if len({*header}) == len(header):
+        return header
+    filled = {i for _, cells in rows for i, cell in enumerate(cells) if cell}
+    out, group = [], ""
+    for i, name in enumerate(header):
+        is_empty = bool(rows) and i not in filled
+        group = name if is_empty else group
+        out.append(f"{group}.{name}" if group and not is_empty and header.count(name) > 1 else name)
+    return out
 
 
 def in_cells(rows: Sequence[Mapping[str, str]]) -> dict[str, list[dict[str, str]]]:

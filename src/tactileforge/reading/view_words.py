@@ -37,6 +37,12 @@ ROBOT = {
 }
 #: Words of what is aimed at, and not measured.
 COMMANDS = {"cmd", "command", "action", "desired", "des", "target", "goal", "ref", "limit"}
+#: Words of what is computed from forces, or is none.
+DERIVED_FORCES = {
+    *("max", "min", "std", "stddev", "sd", "sigma", "var", "variance", "cov", "bias", "offset"),
+    *("tare", "pred", "predicted", "prediction", "error", "err", "residual", "dot", "rate"),
+    *("derivative", "vel", "velocity", "norm", "magnitude"),
+}
 #: Words of pictures without contact.
 STILL = {"reference", "ref", "background", "bg", "baseline"}
 #: Words of pictures that are computed from others.
@@ -163,9 +169,9 @@ def force_of_touch(
 ) -> dict[str, str]:
     """Name the force on the gel of each touch, if names leave no choice.
 
-    A force of the robot's body (`ROBOT`), or one that is aimed at (`COMMANDS`), is none, unless its
-    touch has the same word. A touch has the one force that shares a telling word with it, such as
-    ``left``.
+    A force of the robot's body (`ROBOT`), one that is aimed at (`COMMANDS`) or computed
+    (`DERIVED_FORCES`), is none, unless its touch has the same word. A touch has the one force that
+    shares a telling word with it, such as ``left``.
 
     Args:
         touch: Names of keys, features or topics of touch.
@@ -176,7 +182,7 @@ def force_of_touch(
         Name of the force, by that of its touch; touch without one is left out.
 
     Example:
-        >>> force_of_touch(["digit"], ["ft/wrench", "robot/wrench"])
+        >>> force_of_touch(["digit"], ["ft/wrench", "robot/wrench", "pred/wrench"])
         {'digit': 'ft/wrench'}
         >>> force_of_touch(["left/digit", "right/digit"], ["r_force", "l_force"])
         {'left/digit': 'l_force', 'right/digit': 'r_force'}
@@ -185,7 +191,7 @@ def force_of_touch(
     shared = set.intersection(*words.values()) if len(words) > 1 else set()
     out: dict[str, str] = {}
     for name, own in words.items():
-        elsewhere = (ROBOT | COMMANDS) - own
+        elsewhere = (ROBOT | COMMANDS | DERIVED_FORCES) - own
         fits = [
             one
             for one in forces

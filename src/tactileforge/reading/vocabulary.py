@@ -204,8 +204,8 @@ class ForceKeys(Keys):
     """Meaning of forces.
 
     Attributes:
-        unit: Unit of the forces: ``N``, ``kN``, ``mN``, ``uN``, ``kgf``, ``gf``, ``lbf``, ``ozf``;
-            None for newton, unless names say another.
+        unit: Unit of the forces: ``N``, ``kN``, ``mN``, ``uN``, ``cN``, ``kgf``, ``gf``, ``lbf`` or
+            ``ozf``; None for newton, unless names say another.
         sign: Factors of x, y and z that give the axes of the gel: x right, y down, z into it, with
             pressing positive.
     """

@@ -16,6 +16,8 @@ from tactileforge.errors import ConfigError
         "ozf": ["fz_oz", "Fz [ozf]", "force ounces"],
         "mN": ["fz_mN", "Fz [mN]", "forcemN"],
         "kN": ["fz_kN", "F_z in kN"],
+        "cN": ["Fz[cN]", "force_cN", "fzcN"],
+        "v": ["Fz [V]", "force_v"],
         "uN": ["fz_uN", "Fz [µN]"],
         "N": ["fz_n", "Fz [N]", "force_newton", "fzN", "FN", "fz_kg_in_N"],
         "mv": ["fz_mV"],
@@ -28,7 +30,16 @@ def test_units_are_read_from_names(unit: str, names: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["force.gr_left", "bar_force_z", "force_kp1", "obs/force_rg/g", "fz_un", "lb_force_z"]
+    "name",
+    [
+        "force.gr_left",
+        "bar_force_z",
+        "force_kp1",
+        "force_v2_z",
+        "obs/force_rg/g",
+        "fz_un",
+        "lb_force_z",
+    ],
 )
 def test_parts_of_ordinary_names_are_no_units(name: str) -> None:
     assert not named_unit(name)

@@ -70,9 +70,12 @@ def _force(
     found: FoundArrays, name: str, look: Look, clock: Mapping[str, str]
 ) -> dict[str, Any] | None:
     """Key of a force; None in a unit of something else."""
-    unit = named_unit(name.rpartition("/")[2].replace("{axis}", "z")) or "N"
+    named = named_unit(name.rpartition("/")[2].replace("{axis}", "z"))
+    said = (str(found.attribute(found.top + look.key, one) or "") for one in ("unit", "units"))
+    unit = named or next((unit for text in said if (unit := named_unit(text))), "N")
     if unit not in NEWTONS:
-        found.doubts.append(f"force: {name} is in {unit} by its name, so it is a track")
+        where = "name" if named else "attribute"
+        found.doubts.append(f"force: {name} is in {unit} by its {where}, so it is a track")
         return None
     is_whole = look.width[-1:] in _WHOLE or "{axis}" in name
     force: dict[str, Any] = {

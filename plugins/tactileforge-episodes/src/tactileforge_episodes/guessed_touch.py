@@ -101,6 +101,9 @@ def _shown(found: FoundArrays, look: Look) -> dict[str, Any]:
     if said := _said_channels(found, look.key):
         entry["channels"] = said
         found.doubts.append(f"channels: {said}, as an attribute of {look.key} says")
+    elif "bgr" in look.words:
+        entry["channels"] = "bgr"
+        found.doubts.append(f"channels: bgr, as the name {look.key} says")
     return entry
 
 

@@ -50,7 +50,9 @@ _LEAST = 4
 _STAMP = re.compile(
     r"(\d{4}-\d\d-\d\d|\d{4}/\d\d/\d\d)[T _](\d\d:\d\d:\d\d)([.,]\d+)?\s?(Z|[+-]\d\d:?\d\d)?"
 )
-_OF_DAY = re.compile(r"(\d{1,2}):(\d\d):(\d\d)([.,]\d+)?")
+_OF_DAY = re.compile(r"(\d{1,2}):(\d\d):(\d\d)([.,]\d+)?(?:\s?([ap])\.?m\.?)?", re.IGNORECASE)
+#: A date of a spreadsheet or a program of another country, before the time of day.
+_WRITTEN = re.compile(r"(\d{1,2})([/.-])(\d{1,2})\2(\d{4})[ T,_]+(\d{1,2}:.*)")
 _DAY = 86_400
 
 
@@ -60,10 +62,11 @@ def clock_number(cell: str) -> Decimal:
     Dates without a zone are taken for UTC: only differences matter.
 
     Args:
-        cell: A number, ``2024-10-27T23:59:59.5`` (seconds since 1970), or ``23:59:59.5``.
+        cell: A number, ``2024-10-27T23:59:59.5`` (seconds since 1970), or ``23:59:59.5``; also
+            ``27.10.2024 23:59:59`` and ``10/27/2024 11:59:59.5 PM``.
 
     Raises:
-        ValueError: It is none of these, or not finite.
+        ValueError: It is none of these, or not finite; or its day and its month may be exchanged.
 
     Example:
         >>> clock_number("1.5e3"), clock_number("2001-09-09 01:46:40.25"), clock_number("0:01:02")
@@ -76,7 +79,11 @@ def clock_number(cell: str) -> Decimal:
     if match := _OF_DAY.fullmatch(cell):
         hours, minutes, seconds = (int(match[i]) for i in (1, 2, 3))
         part = Decimal((match[4] or ".0").replace(",", "."))
+        if match[5]:
+            hours = hours % 12 + 12 * (match[5].lower() == "p")
         return 3600 * hours + 60 * minutes + seconds + part
+    if (match := _WRITTEN.fullmatch(cell)) and _OF_DAY.fullmatch(match[5]):
+        return _midnight(match) + clock_number(match[5])
     try:
         value = Decimal(cell)
     except InvalidOperation:
@@ -84,6 +91,18 @@ def clock_number(cell: str) -> Decimal:
     if not value.is_finite():
         raise ValueError(f"{cell!r} is not finite")
     return value
+
+
+def _midnight(date: re.Match[str]) -> int:
+    """Seconds since 1970 at the start of a day, whose month is first before a.m. and p.m."""
+    first, second = int(date[1]), int(date[3])
+    is_american = date[2] != "." and date[5][-1] in "mM."
+    if date[2] != "." and not is_american and max(first, second) <= 12 and first != second:
+        raise ValueError(f"{date[0]!r}: {first} or {second} may be the month; write year-month-day")
+    day, month = (
+        (second, first) if second > 12 or (is_american and first <= 12) else (first, second)
+    )
+    return int(datetime(int(date[4]), month, day, tzinfo=UTC).timestamp())
 
 
 def after_midnight(before: Decimal, now: Decimal, cell: str) -> Decimal:

@@ -10,7 +10,7 @@ from tactileforge.errors import ConfigError, unknown
 _KILOGRAM, _POUND = 9.80665, 4.4482216152605
 #: Newton of each unit of force; of a mass, those of its weight.
 NEWTONS = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "uN": 1e-6, "kgf": _KILOGRAM, "gf": _KILOGRAM / 1000}
-NEWTONS |= {"lbf": _POUND, "ozf": _POUND / 16}
+NEWTONS |= {"cN": 1e-2, "lbf": _POUND, "ozf": _POUND / 16}
 #: Spellings in names, without case, and their units.
 _SPELLED = {unit.casefold(): unit for unit in NEWTONS} | {
     **dict.fromkeys(("newton", "newtons"), "N"),
@@ -23,15 +23,17 @@ _SPELLED = {unit.casefold(): unit for unit in NEWTONS} | {
     **dict.fromkeys(("oz", "ounce", "ounces"), "ozf"),
 }
 #: Units of a reading before it is a force.
-_NO_FORCE = frozenset(("mv", "volt", "volts", "counts", "adc", "lsb", "psi", "kpa", "mpa", "bar"))
+_NO_FORCE = frozenset(("v", "mv", "volt", "volts", "counts", "adc", "lsb", "psi", "kpa", "mpa"))
+_NO_FORCE |= {"bar", "deg", "rad"}
 _PART = re.compile(r"[^\W\d_]+")
 #: Spellings that are also parts of ordinary names (left, bottom: `lb`): units at the end alone.
-_SHORT = frozenset(("g", "gr", "grm", "kg", "kgs", "kp", "kilo", "kilos", "lb", "lbs", "oz", "bar"))
+_SHORT = frozenset(("g", "gr", "grm", "kg", "kgs", "kp", "kilo", "kilos", "lb", "lbs", "oz"))
+_SHORT |= {"bar", "v"}
 #: Words before a unit that is parted by a point or a slash.
 _BEFORE = frozenset(("x", "y", "z", "fx", "fy", "fz", "f", "force", "forces"))
 #: A unit behind the name of an axis, without a mark between them: `fzKg`, `forcemN`.
 _GLUED = re.compile(
-    r"(?:force|f?[xyz])(kgf?|gf|g|lbf?|lbs|ozf?|[km]?n)|f(kgf|gf|lbf|ozf|[km]?n)", re.IGNORECASE
+    r"(?:force|f?[xyz])(kgf?|gf|g|lbf?|lbs|ozf?|[ckm]?n)|f(kgf|gf|lbf|ozf|[ckm]?n)", re.IGNORECASE
 )
 #: Largest relative difference of a sign from the factor of its unit.
 _CLOSE = 0.02
