@@ -12,7 +12,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.reading.guessed_frames import guess_frames
 from tactileforge.reading.guessed_labels import left_out
-from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, of_endings, stacks
+from tactileforge.reading.guessed_media import VIDEOS, Part, of_endings, stacks, stills_among
 from tactileforge.reading.guessed_part import NOTES, TABLES, add_camera, guess_part
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, sheets
@@ -40,13 +40,15 @@ def guess_layout(root: Path) -> Guess | None:
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
     kinds = [of_endings(files, VIDEOS), stacks(files), of_endings(files, IMAGE_SUFFIXES)]
-    shown = [path for kind in kinds for path in kind if not _is_background(path)]
+    stills = stills_among(files, root)
+    shown = [path for kind in kinds for path in kind if path not in stills]
     views = scenes(list(dict.fromkeys(shown)), root)
     hidden = {*views}
-    media = next((own for kind in kinds if (own := [one for one in kind if one not in hidden])), [])
+    owns = [[one for one in kind if one not in hidden] for kind in kinds]
+    media = next((own for own in owns if not stills.issuperset(own)), [])
     if not media:
         return None
-    parts = _parts(root, media, files)
+    parts = _parts(root, media, files, stills)
     for part in parts:
         guess_part(part)
         if views:
@@ -63,10 +65,6 @@ def guess_layout(root: Path) -> Guess | None:
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
 
 
-def _is_background(path: Path) -> bool:
-    return BACKGROUND.search(path.stem.lower()) is not None
-
-
 def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> list[Path]:
     """Tables and files of labels that nothing reads, and no line names."""
     endings = (TABLES - NOTES - {".yaml", ".yml"}) | sheets()
@@ -78,9 +76,11 @@ def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> li
     ]
 
 
-def _parts(root: Path, media: Sequence[Path], files: Sequence[Path]) -> list[Part]:
+def _parts(
+    root: Path, media: Sequence[Path], files: Sequence[Path], stills: set[Path]
+) -> list[Part]:
     """Files of each layout: of a sensor, a split, a background or a side; or all of them."""
-    touches = [path for path in media if not _is_background(path)] or media
+    touches = [path for path in media if path not in stills]
     folders = _by_sensors(root, touches)
     if [*folders] == [""]:
         folders = _by_backgrounds(root, touches, media, files) or folders

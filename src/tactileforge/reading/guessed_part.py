@@ -17,17 +17,18 @@ from tactileforge.reading.guessed_labels import (
     guess_shared,
     unread_words,
 )
-from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, of_endings, open_media
+from tactileforge.reading.guessed_media import VIDEOS, Part, names_still, of_endings, open_media
 from tactileforge.reading.guessed_patterns import pattern_of
 from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times
 from tactileforge.reading.records import RECORDS, sheets
 from tactileforge.reading.sensor_names import guess_sensor, named_sensor
+from tactileforge.reading.series import names_of
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import Family, Units, families, is_for_all, templates
 from tactileforge.reading.tiles import Box
 from tactileforge.reading.trial_rows import RECORDING_WORDS
-from tactileforge.reading.view_words import DERIVED, words_of
+from tactileforge.reading.view_words import NO_VIEW, words_of
 
 #: Endings of tables that may be notes as well, and of all that are read.
 NOTES = frozenset({".txt", ".dat"})
@@ -130,7 +131,7 @@ def _background(part: Part) -> dict[str, Any]:
     found = guess_background(part)
     still = found["background"]
     name = still.get("file", "") if isinstance(still, Mapping) else ""
-    if "images" in part.layout and not BACKGROUND.search(PurePath(name).stem.lower()):
+    if "images" in part.layout and not names_still(PurePath(name).stem):
         # a picture that is named so, and is none, is no touch either
         part.layout["images"] = pattern_of(part, is_listed=True)
     return found
@@ -160,25 +161,41 @@ def add_camera(part: Part, views: Sequence[Path]) -> None:
         part: The files, with their layout.
         views: Pictures and films of a scene.
     """
-    are_stills = part.layout.get("each") == "touch"
-    # of a film in images, their pattern
-    places = [
-        path if are_stills or path.suffix.lower() in VIDEOS else path.parent / f"*{path.suffix}"
-        for path in views
-    ]
+    common = {*words_of(part.media[0].relative_to(part.root).as_posix())}
+    said = {path: {*words_of(path.relative_to(part.root).as_posix())} - common for path in views}
+    shown = _places(part, [path for path in views if NO_VIEW.isdisjoint(said[path])])
+    other = _places(part, [path for path in views if not NO_VIEW.isdisjoint(said[path])])
     units = part.units
-    found = templates(list(dict.fromkeys(places)), units)
-    shown = [one for one in found if DERIVED.isdisjoint(words_of(one.template))]
-    whole = [one for one in shown if one.is_own and is_for_all(one, units)]
-    rest = sorted(one.template for one in found if one not in whole[:1])
+    found = templates(shown, units)
+    whole = [one for one in found if one.is_own and is_for_all(one, units)]
+    rest = sorted(
+        one.template for one in [*found, *templates(other, units)] if one not in whole[:1]
+    )
     if whole:
         part.layout["camera"] = whole[0].template
         part.doubts.append(f"camera: {whole[0].template} is the view of the scene")
     if rest:
         part.doubts.append(
             f"touch: {', '.join(rest[:3])}{' and others' if len(rest) > 3 else ''} left out: by "
-            "name a view of the scene, or computed from others"
+            "name a view of the scene, computed from others, or beside the recordings"
         )
+
+
+def _places(part: Part, views: Sequence[Path]) -> list[Path]:
+    """Paths of views, those of a film in images by their pattern."""
+    if part.layout.get("each") == "touch":
+        return list(views)
+    touches = {path.parent for path in part.media}
+    folders: dict[tuple[Path, str], list[Path]] = {}
+    for path in views:
+        folders.setdefault((path.parent, path.suffix), []).append(path)
+    found = []
+    for (folder, ending), paths in folders.items():
+        if ending.lower() in VIDEOS:
+            found += paths
+        else:
+            found.append(folder / (names_of(paths) if folder in touches else f"*{ending}"))
+    return found
 
 
 def _object(part: Part) -> dict[str, Any]:

@@ -43,7 +43,17 @@ STILL = {"reference", "ref", "background", "bg", "baseline"}
 DERIVED = {
     *("depth", "flow", "mask", "masks", "seg", "segmentation", "marker", "markers", "diff"),
     *("difference", "normal", "normals", "height", "heightmap", "shear", "embedding", "emb"),
-    *("latent", "pred", "next"),
+    *("latent", "pred", "next", "overlay", "overlays", "annotated", "annotation", "annotations"),
+    *("heatmap", "heatmaps", "plot", "plots", "preview", "previews", "thumbnail", "thumbnails"),
+    *("visualization", "visualizations", "visualisation", "spectrogram", "debug"),
+}
+#: Words of pictures that a network is to give for others.
+_WANTED = {"target", "targets", "label", "labels", "gt", "output", "outputs"}
+#: Words of folders beside the recordings, of pictures that nothing touched.
+_ASIDE = {
+    *("plots", "figures", "results", "checkpoints", "calibration", "calib", "calibrations"),
+    *("overlays", "annotated", "heatmaps", "previews", "thumbnails", "visualization", "debug"),
+    *("visualizations", "screenshots"),
 }
 #: Words of views of a scene.
 VIEWS = {"camera", "cameras", "cam", "image", "images", "img", "imgs", "rgb", "view", "views"}
@@ -54,13 +64,19 @@ _CAMERAS = {*_FIRST_VIEWS, "wrist", "camera", "cameras", "cam", "view"}
 #: Words that no picture of touch has, whatever the others are called.
 _SCENE = {
     *("webcam", "realsense", "kinect", "gopro", "agentview", "thirdperson", "orbbec"),
-    *("d405", "d415", "d435", "l515"),
+    *("d405", "d415", "d435", "d435i", "d455", "l515"),
 }
+#: Words of pictures that are no view of a scene either.
+NO_VIEW = DERIVED | _WANTED | _ASIDE
+#: Words that a name of captured pictures may have beside those of computed ones.
+_CAPTURED = VIEWS | {"color", "colour", "raw", "input", "inputs"}
 #: The same for folders of images, without markers: those may be on the gel itself.
 _COMPUTED = DERIVED - {"marker", "markers"}
 #: Words of a view of a scene beside pictures that are called touch.
 _BESIDE = VIEWS | _COMPUTED | {"color", "colour", "vision", "visual", "wrist"}
-_BESIDE |= {*_FIRST_VIEWS, "side", "eye", "hand", "robot", "overhead", "zed"}
+_BESIDE |= {*_FIRST_VIEWS, "side", "eye", "hand", "robot", "overhead", "zed", "kamera"}
+_BESIDE |= {"video", "videos", "overview", "azure", "phone", "iphone", "ego", "exo", "static"}
+_BESIDE |= {"vis", "ir", "nir", "thermal", "workspace", "environment", "context", "c920"}
 
 
 def says_touch(words: Sequence[str]) -> bool:
@@ -204,6 +220,8 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     Those with the name of a camera for scenes (``webcam``, ``realsense``) are, where others have
     none. Those with a usual word of a view (``rgb``, ``wrist``), or of what is computed
     (``depth``), are where all others are called touch: beside ``cup``, ``rgb`` may be an object.
+    So are folders of what is no recording (``plots``), and pictures beside those that they are
+    computed from (``masks`` beside ``images``).
 
     Args:
         paths: Files below ``root``.
@@ -217,7 +235,7 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     kinds: dict[str, list[Path]] = {}
     for path in paths:
         name = path.relative_to(root).with_suffix("").as_posix()
-        kinds.setdefault(re.sub(r"\d+(?![a-z])", "", name), []).append(path)
+        kinds.setdefault(re.sub(r"\d+(?![a-z\d])", "", name), []).append(path)
     words = {kind: {*words_of(kind), *_joined(kind)} for kind in kinds}
     same = set.intersection(*words.values()) if words else set()
     own = {kind: said - same for kind, said in words.items()}
@@ -226,27 +244,37 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     beside = {kind for kind in own.keys() - touch if own[kind] & (_SCENE | _BESIDE)}
     if touch and len(touch) + len(beside) == len(own):
         out = beside
+    out |= {kind for kind in own.keys() - out if _is_aside(kind, own[kind])}
     out |= {kind for kind in own.keys() - out if _is_computed(kind, own)}
     return [path for kind in kinds if kind in out for path in kinds[kind]] if out != {*own} else []
 
 
-def _is_computed(kind: str, kinds: Collection[str]) -> bool:
-    """Whether a name adds a word for a computed picture to the name of another kind.
+def _is_aside(kind: str, said: Collection[str]) -> bool:
+    """Whether a folder is by its whole name beside the recordings."""
+    folders = (words_of(part) for part in kind.split("/")[:-1])
+    return any(words and {*words} <= _ASIDE & {*said} for words in folders)
 
-    ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``.
+
+def _is_computed(kind: str, kinds: Collection[str]) -> bool:
+    """Whether a name says a computed picture where that of another kind says a captured one.
+
+    ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``, and ``masks`` beside ``images``.
     """
     parts = kind.split("/")
     for place, part in enumerate(parts):
         said = {*words_of(part)}
-        rest = said - _COMPUTED
-        if not rest or rest == said:
+        rest = said - _COMPUTED - _WANTED
+        if rest == said:
             continue
         for other in kinds:
             named = other.split("/")
             same = len(named) == len(parts) and all(
                 a == b for i, (a, b) in enumerate(zip(named, parts, strict=True)) if i != place
             )
-            if same and {*words_of(named[place])} - VIEWS == rest:
+            beside = {*words_of(named[place])} if same else set()
+            # of names without other words, a folder of numbers may be of anything
+            is_plain = bool(rest or beside or place == len(parts) - 1)
+            if same and is_plain and beside - _CAPTURED == rest:
                 return True
     return False
 
