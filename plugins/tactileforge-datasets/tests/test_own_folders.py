@@ -72,6 +72,19 @@ def _moments(root: Path) -> None:
             save_picture(root / f"grasp_{i}/touch_{moment}/left.png", i)
 
 
+def _presses(root: Path) -> None:
+    for name in ("press_1", "press_2"):
+        for i in range(8):
+            save_picture(root / f"mug/{name}/gelsight/{i}.png", i)
+
+
+def _actions(root: Path) -> None:
+    for name in ("press", "slide_left"):
+        for i in range(8):
+            save_picture(root / f"mug/{name}/gelsight/{i}.png", i)
+        _forces(root / f"mug/{name}/gelsight/ft.csv")
+
+
 def _tactile(root: Path) -> None:
     for name in ("trial_1", "trial_2"):
         for i in range(8):
@@ -82,7 +95,7 @@ def _tactile(root: Path) -> None:
     "make",
     [
         *(_mov, _gelsight_avi, _touch_and_vision, _gelsight_frame, _pairs, _arrays, _episodes),
-        *(_moments, _tactile),
+        *(_moments, _tactile, _presses, _actions),
     ],
 )
 def test_no_published_reader_takes_it(make: Callable[[Path], None], tmp_path: Path) -> None:

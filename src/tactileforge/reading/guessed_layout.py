@@ -23,6 +23,11 @@ from tactileforge.reading.view_words import scenes
 
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
+#: Names of texts about a data set.
+_ABOUT = re.compile(
+    "readme|licen[cs]e|copying|copyright|requirements|changelog|citation|authors|notes?$|todo|"
+    "cmakelists|version"
+)
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
 
@@ -67,11 +72,12 @@ def guess_layout(root: Path) -> Guess | None:
 
 def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> list[Path]:
     """Tables and files of labels that nothing reads, and no line names."""
-    endings = (TABLES - NOTES - {".yaml", ".yml"}) | sheets()
+    endings = (TABLES - {".yaml", ".yml"}) | sheets()
     return [
         path
         for path in files
         if path not in seen and (path.suffix.lower() in endings or conversion(path))
+        if not (path.suffix.lower() in NOTES and _ABOUT.match(path.stem.lower()))
         if not any(path.name in line for line in doubts)
     ]
 

@@ -28,6 +28,7 @@ from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import Family, Units, families, is_for_all, templates
 from tactileforge.reading.tiles import Box
 from tactileforge.reading.trial_rows import RECORDING_WORDS
+from tactileforge.reading.trials import TRIAL, VERSIONS
 from tactileforge.reading.view_words import NO_VIEW, words_of
 
 #: Endings of tables that may be notes as well, and of all that are read.
@@ -37,6 +38,8 @@ TABLES = frozenset({".csv", ".tsv"}) | NOTES | RECORDS
 _OBJECT_FOLDER = re.compile(
     rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
 )
+#: Folder of a value with its unit.
+_VALUE = re.compile(r"[-+]?\d+(?:[.,]\d+)?[-_ ]?(?:[mk]?n|newtons?|k?gf?|lbf?|[mcu]?m|deg)", re.I)
 #: Most files that are opened for the shape of a picture: the first ones may be damaged.
 _OPENED = 5
 
@@ -80,6 +83,12 @@ def guess_part(part: Part) -> None:
             unread_words(family, layout, doubts)
     if "object" not in layout:
         layout |= _object(part)
+    folders = {word.lower() for path in part.media for word in path.relative_to(part.root).parts}
+    if len(versions := sorted(VERSIONS & folders)) > 1:
+        doubts.append(
+            f"{next(iter(layout))}: {' and '.join(versions)} may be the same recordings, and each "
+            "is read; give the pattern of one"
+        )
     if split := SPLIT_OF_FOLDER.get(part.folder.lower()):
         layout["hold_out"] = "all" if split == "val" else "none"
     used += [*of_force, *of_labels, *apart]
@@ -205,26 +214,44 @@ def _object(part: Part) -> dict[str, Any]:
         return _object_of_takes(part.units, part.doubts)
     if len(above) < 2:
         return {}
+    if all(_VALUE.fullmatch(path.name) for path in above):
+        part.doubts.append(
+            f"object: folders are named by a value ({min(above).name}), not by objects; write it "
+            "into a table with a row of each image: labels: {file: labels.csv, key: file}"
+        )
+        return {}
     is_sensor = bool(part.folder) and all(path.name == part.folder for path in above)
     part.doubts.append(f"object: named by the folder of {'a sensor' if is_sensor else 'an image'}")
     return {"object": "{parent}" if is_sensor else "{folder}"}
 
 
 def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
-    """Key of the object, by folders with words for names and several recordings in each."""
+    """Key of the object, by folders with words for names and several recordings in each.
+
+    A folder above those of numbered trials is the object's with one trial as well.
+    """
+    parents = [parts for parts in units.files if len(parts) > 1]
+    is_trial = bool(parents) and all(
+        len(parts) > 2 and TRIAL.fullmatch(parts[-2]) for parts in units.files
+    )
     of_folder: dict[str, set[str]] = {}
-    for parts in (parts for parts in units.files if len(parts) > 1):
+    for parts in parents:
         # both sides of a trial are one recording of it
         name = PurePath(parts[-1]).stem.lower()
-        of_folder.setdefault(parts[-2], set()).add("" if name in SIDE_NAMES else name)
-    others = SIDE_NAMES | SPLIT_OF_FOLDER.keys()
+        of_folder.setdefault(parts[-3 if is_trial else -2], set()).add(
+            "" if name in SIDE_NAMES else name
+        )
+    others = SIDE_NAMES | SPLIT_OF_FOLDER.keys() | VERSIONS
     if (
         len({*map(len, units.files)}) > 1
         or len({re.sub(r"\d+", "", name) for name in of_folder}) < 2
-        or min(map(len, of_folder.values())) < 2
+        or (min(map(len, of_folder.values())) < 2 and not is_trial)
         or not all(_OBJECT_FOLDER.fullmatch(name) for name in of_folder)
         or any(name.lower() in others or named_sensor(name) for name in of_folder)
     ):
         return {}
+    if is_trial:
+        doubts.append("object: named by the folder above that of a trial")
+        return {"object": "{parent}"}
     doubts.append("object: named by the folder of several recordings")
     return {"object": "{folder}"}
