@@ -115,6 +115,15 @@ def test_a_value_is_no_name_of_an_object(tmp_path: Path) -> None:
     assert any("folders are named by a value (0.5N)" in line for line in guess.doubts)
 
 
+def test_a_word_of_touch_is_no_name_of_an_object(tmp_path: Path) -> None:
+    for take in range(3):
+        for moment in ("before", "after"):
+            picture(tmp_path / f"{take}/touch_{moment}/0.png", 40 + 60 * take)
+    guess, data = guessed(tmp_path)
+    assert {one.object for one in data.recordings("train")} == {None}
+    assert not any(line.startswith("object") for line in guess.doubts)
+
+
 def test_categories_of_coco_are_labels_of_images(tmp_path: Path) -> None:
     names = [f"{i:03d}.png" for i in range(4)]
     for i, name in enumerate(names):

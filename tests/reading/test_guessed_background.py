@@ -32,8 +32,9 @@ def read(root: Path) -> tuple[dict[str, Recording], list[str], dict[str, Any]]:
     data = Recordings(**guess.options)
     found = [one for split in ("train", "val") for one in data.recordings(split)]
     assert not data.skipped
-    (layout,) = guess.options["layouts"].values()
-    return {one.key.partition("/")[2]: one for one in found}, guess.doubts, layout
+    layouts: Any = guess.options["layouts"]
+    (layout,) = layouts.values()
+    return {one.key.partition("/")[2]: one for one in found}, [*guess.doubts], dict(layout)
 
 
 @pytest.mark.parametrize(

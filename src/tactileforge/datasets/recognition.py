@@ -8,11 +8,10 @@ from functools import cache
 from pathlib import Path
 
 from tactileforge.contracts import Guess
-from tactileforge.data.frames.stacks import StackFrames, load_array
 from tactileforge.errors import DataError, DataNotFoundError, PluginError
 from tactileforge.plugins import registry
 from tactileforge.reading import matches
-from tactileforge.reading.records import conversion
+from tactileforge.reading.records import conversion, stack_fault
 from tactileforge.util.pointers import check_pointer
 
 #: Largest number of files of an unknown folder that are looked at: pointers of Git LFS, and files
@@ -72,16 +71,8 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
 
 def _about(path: Path) -> str:
     """Kind of an unread file, and a way to convert it; "" for a file of no such kind."""
-    if how := conversion(path) or _film(path):
-        return f"{path} is {how}"
-    if path.suffix.lower() != ".npy":
-        return ""
-    try:
-        if load_array(path).ndim > 2:
-            StackFrames(path)
-    except DataError as error:
-        return str(error)
-    return ""
+    how = conversion(path) or _film(path)
+    return f"{path} is {how}" if how else stack_fault(path)
 
 
 def _film(path: Path) -> str:

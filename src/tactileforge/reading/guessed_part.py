@@ -29,7 +29,7 @@ from tactileforge.reading.table_families import Family, Units, families, is_for_
 from tactileforge.reading.tiles import Box
 from tactileforge.reading.trial_rows import RECORDING_WORDS
 from tactileforge.reading.trials import TRIAL, VERSIONS
-from tactileforge.reading.view_words import NO_VIEW, words_of
+from tactileforge.reading.view_words import NO_VIEW, says_touch, words_of
 
 #: Endings of tables that may be notes as well, and of all that are read.
 NOTES = frozenset({".txt", ".dat"})
@@ -221,6 +221,8 @@ def _object(part: Part) -> dict[str, Any]:
         )
         return {}
     is_sensor = bool(part.folder) and all(path.name == part.folder for path in above)
+    if not is_sensor and all(says_touch(words_of(path.name)) for path in above):
+        return {}
     part.doubts.append(f"object: named by the folder of {'a sensor' if is_sensor else 'an image'}")
     return {"object": "{parent}" if is_sensor else "{folder}"}
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.data.frames.stacks import load_array
+from tactileforge.data.frames.stacks import StackFrames, load_array
 from tactileforge.errors import DataError
 from tactileforge.plugins import names
 from tactileforge.reading.files import read_text
@@ -137,6 +137,18 @@ def _starts_with(path: Path, start: bytes) -> bool:
         return False
 
 
+def stack_fault(path: Path) -> str:
+    """Reason why an array of pictures is not read; "" for a table of numbers and other files."""
+    if path.suffix.lower() != ".npy":
+        return ""
+    try:
+        if load_array(path).ndim > 2:
+            StackFrames(path)
+    except DataError as error:
+        return str(error)
+    return ""
+
+
 def read_records(path: Path) -> list[tuple[str, dict[str, str]]]:
     """Place and cells of each row of a JSON, JSON lines, YAML or .npy; "" for a missing value.
 
@@ -224,7 +236,9 @@ def _rows_of_coco(content: Any) -> list[Any]:
     [] for another form.
     """
     keys = ("images", "annotations", "categories")
-    parts = [content.get(key) for key in keys] if isinstance(content, Mapping) else [None]
+    parts: list[Any] = [None]
+    if isinstance(content, Mapping):
+        parts = [content.get(key) for key in keys]
     if not all(isinstance(part, list) and part and _are_rows(part) for part in parts):
         return []
     images, annotations, categories = parts
