@@ -66,7 +66,7 @@ def test_a_folder_without_files_says_what_is_looked_for(tmp_path):
         ({"action": None}, r"x.zarr: unknown key 'data/action'"),
         ({"left_gripper1_img": None, "left_gripper_1_img": pictures(12, 4, 4, 3)}, "did you mean"),
         ({"left_gripper1_img": pictures(12, 24, 32)}, r"uint8 \(12, 24, 32\), where uint8 \(T, H"),
-        ({"left_gripper1_img": pictures(12, 24, 32, 3) / 255.0}, "for fractions give `white`"),
+        ({"left_gripper1_img": pictures(12, 24, 32, 3) / 255.0}, "for fractions or 16 bits give `white`"),
         ({"left_gripper1_img": np.zeros((12, 24, 32, 3), "u2")}, "uint16"),
         ({"action": np.zeros((11, 4), "f4")}, r"action: \(11, 4\), where touch has 12 rows"),
         ({"ends": np.array([6, 11])}, "the last episode ends at row 11, but touch has 12"),
@@ -316,7 +316,7 @@ def test_an_image_that_cannot_be_decoded_is_named(tmp_path):
     ("options", "wanted"),
     [
         ({"preset": "htt", "map": "x.yaml"}, "data.map=FILE.yaml, not both"),
-        ({"preset": "htt", "val": 1.0}, "data.val=1.0; give the held-out share"),
+        ({"preset": "htt", "val": 1.0}, "val is 1.0; give the share that is held out"),
         ({"preset": "htt", "fps": 0}, "give values above 0"),
         ({"preset": "htt", "span": -1.0}, "give values above 0"),
     ],

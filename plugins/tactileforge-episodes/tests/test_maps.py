@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from made_episodes import FORMATS, pictures, write_hdf5, write_zarr
 from tactileforge_episodes.dataset import Episodes
-from tactileforge_episodes.map_files import parse_map, preset_names, read_map, read_preset
+from tactileforge_episodes.map_files import parse_map, preset_names, read_preset
 from tactileforge_episodes.names import fill, match, match_end
 
 from tactileforge.plugin import ConfigError, DataError
@@ -250,7 +250,7 @@ def test_names_with_placeholders():
 
 
 def test_each_preset_is_an_option_of_its_own_with_every_key():
-    places = Path(read_map.__code__.co_filename).parent / "conf/data"
+    places = Path(parse_map.__code__.co_filename).parent / "conf/data"
     assert sorted(path.stem for path in places.glob("*.yaml")) == preset_names() == sorted(FORMATS)
     for name in preset_names():
         assert read_preset(name).citation, name

@@ -34,6 +34,9 @@ from tactileforge.data.frames.picture_files import rgb_pixels as rgb_pixels
 from tactileforge.data.frames.picture_files import upright_size as upright_size
 from tactileforge.data.frames.pixel_contract import channel_fix as channel_fix
 from tactileforge.data.frames.pixel_contract import checked_chunks as checked_chunks
+from tactileforge.data.frames.pixel_contract import is_deep as is_deep
+from tactileforge.data.frames.pixel_contract import pixels_of as pixels_of
+from tactileforge.data.frames.pixel_contract import white_of as white_of
 from tactileforge.data.frames.small import ELSEWHERE as ELSEWHERE
 from tactileforge.data.frames.small import SIMILAR as SIMILAR
 from tactileforge.data.frames.small import shrink as shrink

@@ -30,7 +30,7 @@ from tactileforge.reading.layout import (
     parse_layout,
 )
 from tactileforge.reading.notes import Notes, add_once
-from tactileforge.reading.reader import LayoutReader, join_trials
+from tactileforge.reading.reader import LayoutReader
 from tactileforge.reading.splits import (
     SPLIT_OF_FOLDER,
     check_share,
@@ -41,6 +41,7 @@ from tactileforge.reading.splits import (
 )
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import LayoutTouch
+from tactileforge.reading.touch_trials import join_trials
 from tactileforge.util.strict import build
 from tactileforge.util.untrusted import load_yaml
 

@@ -12,6 +12,7 @@ from tactileforge.reading.container import zstd_size as zstd_size
 from tactileforge.reading.drawn import Drawn as Drawn
 from tactileforge.reading.figure import plot_recording as plot_recording
 from tactileforge.reading.files import kind_of as kind_of
+from tactileforge.reading.files import load_map as load_map
 from tactileforge.reading.files import matching_files as matching_files
 from tactileforge.reading.files import read_rows as read_rows
 from tactileforge.reading.files import read_text as read_text

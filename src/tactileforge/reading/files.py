@@ -17,7 +17,8 @@ from tactileforge.data.frames.companions import without_companions
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.linked import matches
 from tactileforge.reading.order import name_keys, natural
-from tactileforge.util.regular import MOST_WHOLE, read_regular
+from tactileforge.util.regular import MOST_WHOLE, read_regular, regular_text
+from tactileforge.util.untrusted import load_yaml
 
 #: Byte order marks of UTF-32 and UTF-16. UTF-32 first: the mark of UTF-16 LE begins UTF-32 LE's.
 _MARKS = {
@@ -62,6 +63,19 @@ def read_text(path: Path) -> str:
         ) from error
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); download it again") from error
+
+
+def load_map(path: Path) -> Any:
+    """Content of a map of arrays or bags, plain data.
+
+    Raises:
+        ConfigError: The file cannot be read.
+    """
+    try:
+        return load_yaml(regular_text(path))
+    except (OSError, ValueError) as error:
+        why = " ".join(str(error).split())
+        raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error
 
 
 def _likely(raw: bytes) -> str:

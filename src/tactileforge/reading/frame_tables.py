@@ -21,6 +21,7 @@ from tactileforge.reading.layout_keys import FrameTable, TrackKeys, TrackRanges
 from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.table_clock import on_frames
 from tactileforge.reading.tables import (
+    FoundRows,
     Row,
     read_actions,
     read_cells,
@@ -29,6 +30,7 @@ from tactileforge.reading.tables import (
     whole,
 )
 from tactileforge.reading.templates import template_columns
+from tactileforge.reading.touch import LayoutTouch
 from tactileforge.reading.trial_rows import recordings_of
 
 
@@ -48,76 +50,68 @@ class FrameTables:
     def force(
         self,
         table: FrameTable,
-        path: Path,
+        touch: LayoutTouch,
+        note: Callable[[str], None],
         clock: FrameClock,
         sensor: str,
-        paths: Sequence[Path],
-        note: Callable[[str], None],
         change: Callable[[], NDArray[np.float64]],
     ) -> NDArray[np.float32]:
         """Forces per frame, (T, 3), N; see `tables.read_force`.
 
         Args:
             table: Columns of the forces.
-            path: Path of the CSV.
+            touch: The touch.
+            note: Callback for doubts, see `table_clock.on_frames`.
             clock: Times of the frames.
             sensor: Name of the measuring sensor.
-            paths: Files of the touch.
-            note: Callback for doubts, see `table_clock.on_frames`.
             change: Function to the difference of each frame from the background, (T,).
         """
         fit = partial(on_frames, start=clock.start, note=note, change=change)
-        images = self._images(table, path, paths, note)
-        rows = self._of_recording(table, path, paths)
-        return read_force(table, path, clock.times, sensor, fit, images, rows)
+        path, found = self._found(table, touch, note)
+        return read_force(table, path, clock.times, sensor, fit, found)
 
     def actions(
-        self,
-        table: FrameTable,
-        path: Path,
-        count: int,
-        paths: Sequence[Path],
-        note: Callable[[str], None],
+        self, table: FrameTable, touch: LayoutTouch, note: Callable[[str], None], count: int
     ) -> NDArray[np.int64]:
         """Actions per frame, (T,); see `tables.read_actions`.
 
         Args:
             table: Column of the actions.
-            path: Path of the CSV.
-            count: Number of frames.
-            paths: Files of the touch.
+            touch: The touch.
             note: Callback for doubts.
+            count: Number of frames.
         """
-        images = self._images(table, path, paths, note)
-        return read_actions(table, path, count, images, self._of_recording(table, path, paths))
+        path, found = self._found(table, touch, note)
+        return read_actions(table, path, count, found)
 
     def tracked(
         self,
         recording: Recording,
         keys: TrackKeys,
-        path: Path,
-        paths: Sequence[Path],
+        touch: LayoutTouch,
         note: Callable[[str], None],
     ) -> Recording:
         """The recording with its tracks, without the frames to drop; see `tables.read_tracks`.
 
         Args:
             recording: Recording of the touch, all frames of it.
-            keys: Columns of the values.
-            path: Path of the CSV.
-            paths: Files of the touch.
+            keys: Columns of the values; labels by hand grow, so without their file there are none.
+            touch: The touch.
             note: Callback for doubts.
 
         Raises:
             DataError: Every frame is to be dropped.
         """
+        path = touch.path(self.rows.folder, keys.file)
+        if not path.is_file():
+            note("has no file of tracks")
+            return recording
         columns = tuple(dict.fromkeys([*keys.columns, *([keys.drop] if keys.drop else [])]))
         table = FrameTable(keys.file, keys.frame, columns, key=keys.key)
         count = len(recording.times)
-        images = self._images(table, path, paths, note)
-        found = read_tracks(table, path, count, images, self._of_recording(table, path, paths))
-        recording = replace(recording, tracks={name: found[name] for name in keys.columns})
-        dropped = np.zeros(count, bool) if keys.drop is None else found[keys.drop] > 0
+        tracks = read_tracks(table, path, count, self._found(table, touch, note)[1])
+        recording = replace(recording, tracks={name: tracks[name] for name in keys.columns})
+        dropped = np.zeros(count, bool) if keys.drop is None else tracks[keys.drop] > 0
         if dropped.all():
             raise DataError(f"{path}: every frame is dropped ({keys.drop}); remove the recording")
         return recording.select(np.flatnonzero(~dropped).tolist()) if dropped.any() else recording
@@ -152,15 +146,23 @@ class FrameTables:
             tracks[track.name] = values
         return replace(recording, tracks=tracks)
 
+    def _found(
+        self, table: FrameTable, touch: LayoutTouch, note: Callable[[str], None]
+    ) -> tuple[Path, FoundRows]:
+        """Path of the table of a touch, and its rows."""
+        path = touch.path(self.rows.folder, table.file)
+        own = self._of_recording(table, path, touch.paths)
+        return path, FoundRows(self._images(table, path, touch.paths, note, own), own)
+
     def _images(
         self,
         table: FrameTable,
         path: Path,
         paths: Sequence[Path],
         note: Callable[[str], None],
+        own: Sequence[Row] | None,
     ) -> Mapping[int, Row] | None:
         """Rows by frame of a table with names or numbers of images; None for other tables."""
-        own = self._of_recording(table, path, paths)
         if table.frame and self.layout.each == "sequence" and self.layout.times != "even":
             return _numbered(table, path, [one.stem for one in paths], note, own)
         if own is not None and self.layout.each == "touch":

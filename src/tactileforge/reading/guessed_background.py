@@ -87,14 +87,15 @@ def _still(part: Part, stills: Sequence[Path]) -> str:
     for family in templates(stills, units):
         if len(family.files) > 1 and is_for_all(family, units):
             own = [path for path in part.media if path.parent == family.files[0].parent]
-            if not own or _fits(family.files[0], own):
+            if not own or _fits(part, family.files[0], own):
                 return family.template
     shared = min(stills, key=lambda path: len(path.parts))
-    return shared.relative_to(part.root).as_posix() if _fits(shared, part.media) else ""
+    return shared.relative_to(part.root).as_posix() if _fits(part, shared, part.media) else ""
 
 
-def _fits(still: Path, media: Sequence[Path]) -> bool:
+def _fits(part: Part, still: Path, media: Sequence[Path]) -> bool:
     """Whether a background has the size of the frames of each folder, and looks alike."""
+    white = part.layout.get("white")
     folders: dict[Path, list[Path]] = {}
     for path in media:
         folders.setdefault(path.parent, []).append(path)
@@ -102,10 +103,11 @@ def _fits(still: Path, media: Sequence[Path]) -> bool:
         path for paths in islice(folders.values(), _COMPARED) for path in (paths[0], paths[-1])
     ]
     shapes = {
-        None if (frames := open_media(path)) is None else frames.shape for path in (still, *looked)
+        None if (frames := open_media(path, white)) is None else frames.shape
+        for path in (still, *looked)
     }
     if len(shapes) > 1 or None in shapes:
         return False
-    pictures = [open_media(path) for path in (still, media[0])]
+    pictures = [open_media(path, white) for path in (still, media[0])]
     base, first = (frames.read([0])[0].astype(np.float32) for frames in pictures if frames)
     return bool(np.median(np.abs(base - first)) < _ANOTHER)

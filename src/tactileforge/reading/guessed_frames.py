@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 
 from tactileforge.data.frames.cut import spread_rows
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.data.frames.stacks import is_stack
+from tactileforge.data.frames.pixel_contract import white_of
+from tactileforge.data.frames.stacks import deepest, is_stack
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessed_media import ASSUMED_FPS, VIDEOS, Part, open_media
 from tactileforge.reading.guessed_patterns import pattern_of
@@ -21,11 +23,38 @@ from tactileforge.reading.order import name_keys, name_prefix
 from tactileforge.reading.series import series_of
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.tiles import Box, tiles
+from tactileforge.reading.view_words import DERIVED, words_of
 
 #: Images of a folder to compare, and the largest change from one to the next in a recording, over
 #: that between images in another order; and the same of means of 8 x 8 pixels. Takes of a sensor
 #: have .1 to .4, more with noise in single pixels, still touches about 1, on a grid of places .6.
 _COMPARED, _SMOOTH, _SMOOTH_AREAS = 24, 0.6, 0.4
+
+
+def guess_white(part: Part) -> dict[str, Any]:
+    """Guess the key of white in pictures of 16 bits; {} for others, and for a depth.
+
+    Args:
+        part: The files; gets the line to be checked.
+    """
+    folders: dict[Path, list[Path]] = {}
+    for path in part.media:
+        folders.setdefault(path.parent, []).append(path)
+    shown = [
+        path
+        for own in islice(folders.values(), _COMPARED)
+        for path in dict.fromkeys((own[0], own[len(own) // 2], own[-1]))
+        if DERIVED.isdisjoint(words_of(path.relative_to(part.root).with_suffix("").as_posix()))
+    ]
+    most = max((deepest(path) for path in shown if path.suffix.lower() not in VIDEOS), default=0)
+    if not most:
+        return {}
+    white = white_of(most)
+    part.doubts.append(
+        f"white: pictures have 16 bits and values up to {most}, so {white} is taken for white "
+        f"({white.bit_length()} bits)"
+    )
+    return {"white": white}
 
 
 def guess_frames(part: Part) -> dict[str, Any]:
@@ -41,7 +70,7 @@ def guess_frames(part: Part) -> dict[str, Any]:
         doubts.append(f"fps: {ASSUMED_FPS} is assumed, a stack tells no times")
         return {"videos": pattern, "fps": ASSUMED_FPS}
     images, prefixes = _recording(part.media)
-    if not _follow_each_other(images):
+    if not _follow_each_other(images, part.layout.get("white")):
         doubts.append("each: neighboring images differ, so each is taken for a touch of its own")
         return {"images": pattern, "each": "touch"}
     layout: dict[str, Any] = {"images": pattern, "each": "sequence"}
@@ -86,7 +115,7 @@ def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]
     return [*shown[:2], "others"] if len(shown) > 2 else shown
 
 
-def _follow_each_other(images: Sequence[Path]) -> bool:
+def _follow_each_other(images: Sequence[Path], white: float | None) -> bool:
     """Whether images change less from one to the next than in another order."""
     if len(images) < 3:
         return False
@@ -94,7 +123,8 @@ def _follow_each_other(images: Sequence[Path]) -> bool:
     starts = spread_rows(len(images) - 1, min(_COMPARED // 2, len(images) - 1))
     chosen = sorted({*starts, *(start + 1 for start in starts)})
     try:
-        pictures = ImageFrames([images[i] for i in chosen]).read(range(len(chosen)))
+        paths = [images[i] for i in chosen]
+        pictures = ImageFrames(paths, white=white).read(range(len(chosen)))
     except TactileForgeError:
         return False
     # every eighth pixel: neighbours say nearly the same, and a guess is for the whole picture
@@ -123,9 +153,14 @@ def _change_ratio(pictures: Mapping[int, NDArray[Any]], starts: Sequence[int]) -
     return following / apart if apart else float("inf" if following else 0)
 
 
-def boxes_of(path: Path) -> list[Box]:
-    """Tiles of a composite picture or film; [] for others, and for an unreadable one."""
-    frames = open_media(path)
+def boxes_of(path: Path, white: float | None) -> list[Box]:
+    """Tiles of a composite picture or film; [] for others, and for an unreadable one.
+
+    Args:
+        path: The picture or film.
+        white: Value of white in pictures of 16 bits; None where there are none.
+    """
+    frames = open_media(path, white)
     if frames is None:
         return []
     try:

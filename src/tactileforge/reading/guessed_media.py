@@ -19,7 +19,7 @@ from tactileforge.reading.order import name_prefix
 from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.table_families import Units
-from tactileforge.reading.view_words import words_of
+from tactileforge.reading.view_words import DERIVED, says_touch, words_of
 
 #: Endings of films that are taken for data: a gif shows something, and .ts is a program as well.
 VIDEOS = VIDEO_SUFFIXES - {".gif", ".ts"}
@@ -34,6 +34,8 @@ _STILL = re.compile(
     r"(?:base|baseline|empty|flat|init|initial|rest|undisturbed|zero)"
     r"(?:[-_ ]?(?:frame|image|img|picture))?[-_ ]?\d*"
 )
+#: White of 16 bits.
+DEEPEST = 65535
 #: Largest number of arrays whose headers are read.
 _MOST_ARRAYS = 500
 
@@ -101,7 +103,7 @@ def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Un
     first = next(iter(files.values()))
     if layout.get("recording") == "{prefix}":
         first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
-    frames = open_media(first[0]) if each == "video" else None
+    frames = open_media(first[0], layout.get("white")) if each == "video" else None
     count = len(frames) if frames is not None else len(first)
     own = getattr(frames, "times", None)
     seconds = float(own[-1]) if own is not None else count / layout.get("fps", ASSUMED_FPS)
@@ -122,7 +124,10 @@ def stacks(files: Sequence[Path]) -> list[Path]:
     for path in of_endings(files, {".npy"}):
         # files of one name hold the same
         if path.name not in names and len(names) < _MOST_ARRAYS:
-            names[path.name] = open_media(path) is not None
+            # those of 16 bits may be of anything, such as a depth
+            words = words_of(path.stem)
+            is_touch = says_touch(words) and DERIVED.isdisjoint(words)
+            names[path.name] = open_media(path, DEEPEST if is_touch else None) is not None
         if names.get(path.name):
             found.append(path)
     return found
@@ -174,10 +179,15 @@ def of_endings(files: Sequence[Path], endings: frozenset[str] | set[str]) -> lis
     return [path for path in files if path.suffix.lower() in endings]
 
 
-def open_media(path: Path) -> Frames | None:
-    """Frames of a film, stack or image; None for an unreadable one."""
+def open_media(path: Path, white: float | None = None) -> Frames | None:
+    """Frames of a film, stack or image; None for an unreadable one.
+
+    Args:
+        path: The file.
+        white: Value of white in pictures of 16 bits; None where there are none.
+    """
     is_film = path.suffix.lower() in VIDEOS or is_stack(path)
     try:
-        return open_film(path) if is_film else ImageFrames([path])
+        return open_film(path, white=white) if is_film else ImageFrames([path], white=white)
     except TactileForgeError:
         return None

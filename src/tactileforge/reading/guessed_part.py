@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from tactileforge.reading.guessed_background import guess_background
-from tactileforge.reading.guessed_frames import boxes_of, guess_crops, guess_frames
+from tactileforge.reading.guessed_frames import boxes_of, guess_crops, guess_frames, guess_white
 from tactileforge.reading.guessed_labels import (
     force_in_names,
     guess_labels,
@@ -51,8 +51,9 @@ def guess_part(part: Part) -> None:
         part: The files; its layout is filled in.
     """
     layout, doubts = part.layout, part.doubts
+    layout |= guess_white(part)
     layout |= guess_frames(part)
-    boxes = boxes_of(part.media[0])
+    boxes = boxes_of(part.media[0], layout.get("white"))
     layout |= _sensor(part, boxes)
     layout |= guess_crops(boxes, layout["sensor"], doubts)
     units = part.units
@@ -157,7 +158,8 @@ def _sensor(part: Part, boxes: Sequence[Box]) -> dict[str, Any]:
     def shape() -> tuple[int, int]:
         if boxes:
             return boxes[0][3], boxes[0][2]
-        opened = map(open_media, islice(part.media, _OPENED))
+        media = islice(part.media, _OPENED)
+        opened = (open_media(path, part.layout.get("white")) for path in media)
         return next((frames.shape for frames in opened if frames is not None), (1, 1))
 
     return guess_sensor("_".join([part.root.name, *place]), shape, part.doubts)

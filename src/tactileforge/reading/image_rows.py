@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
-from posixpath import normpath
+from typing import TypeAlias
 
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.files import names_below
@@ -15,20 +13,18 @@ from tactileforge.reading.records import RECORDS
 from tactileforge.reading.tables import Row, read_cells
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
-from tactileforge.reading.written_names import ends_of, is_absolute, is_there, moved_path
+from tactileforge.reading.written_names import WrittenNames, is_there
 
-#: Largest number of names that a slip is compared with.
-_COMPARED = 2000
 #: Default columns of image names, for a layout without ``key``.
 KEYS = ("file", "image", "filename", "file_name", "name", "path", "img")
+#: A CSV, its column of names, and the folder of its images; None for all.
+_Of: TypeAlias = tuple[Path, str | None, Path | None]
 
 
 class ImageRows:
     """Finds the CSV row of each image; a CSV is read once.
 
-    A row names an image by its path from the folder of the layout or of the CSV, by its absolute
-    path, here or on another machine, or by the end of its path or its name if that is unique; with
-    or without the ending.
+    A row names an image as `written_names.WrittenNames` allows it.
 
     Args:
         folder: Folder of the layout.
@@ -38,7 +34,7 @@ class ImageRows:
     def __init__(self, folder: Path, images: Sequence[Path]) -> None:
         self.folder = folder
         self.images = images
-        self._tables: dict[tuple[Path, str | None], dict[str, Row]] = {}
+        self._tables: dict[_Of, dict[Path, Row]] = {}
 
     def find(
         self,
@@ -55,112 +51,71 @@ class ImageRows:
             key: Column of the names; None for the first existing one of `KEYS`.
             columns: Columns to read.
             paths: Images of a touch; those without a row are left out of the result.
-            is_shared: Whether the CSV serves several touches; otherwise bare names are enough.
+            is_shared: Whether the CSV serves several folders; otherwise bare names are enough.
 
         Raises:
             DataNotFoundError: There is no such CSV.
             DataError: Two rows name one image, or a row does not name an image.
             ConfigError: A column does not exist.
         """
-        if (path, key) not in self._tables:
-            table = self._moved(_table(path, key, columns))
-            if key and template_columns(key):
-                table = self._joint(table)
-            self._check(path, table, self.images if is_shared else paths, is_shared)
+        of = path, key, None if is_shared else paths[0].parent
+        if of not in self._tables:
+            images = self.images if is_shared else self._folders.get(paths[0].parent, paths)
+            table = self._table(path, key or _key(path, columns), columns, images)
             if not is_shared:
                 self._tables.clear()  # a touch's own CSV is read once: keep memory bounded
-            self._tables[path, key] = table
-        table = self._tables[path, key]
-        found = {}
-        for number, image in enumerate(paths):
-            names = self._spellings(image, path, is_shared)
-            row = next((table[name] for name in names if name in table), None)
-            if row is not None:
-                found[number] = row
+            self._tables[of] = table
+        table = self._tables[of]
+        return {number: table[image] for number, image in enumerate(paths) if image in table}
+
+    @cached_property
+    def _folders(self) -> dict[Path, list[Path]]:
+        """The images of each folder."""
+        found: dict[Path, list[Path]] = {}
+        for image in self.images:
+            found.setdefault(image.parent, []).append(image)
         return found
 
-    def _moved(self, table: dict[str, Row]) -> dict[str, Row]:
-        """The rows, with paths of another machine as those of this folder."""
-        if not any(map(is_absolute, table)):
-            return table
-        inside = [image for image in self.images if image.is_relative_to(self.folder)]
-        names = [image.relative_to(self.folder).as_posix() for image in inside]
-        there = dict(zip(names, names, strict=True))
-        rows: dict[str, Row] = {}
-        for written, row in table.items():
-            name = moved_path(written, there, self.folder) or written
-            if name in rows:
-                raise DataError(
-                    f"{row[0]}: {name!r} has a row already ({rows[name][0]}); remove one"
-                )
-            rows[name] = row
-        return rows
-
-    def _joint(self, table: dict[str, Row]) -> dict[str, Row]:
-        """The rows by image, named by several columns together."""
-        names = [
-            image.relative_to(self.folder).as_posix()
-            for image in self.images
-            if image.is_relative_to(self.folder)
-        ]
-        told = recordings_of(table, names)
-        rows: dict[str, Row] = {}
-        for written, row in table.items():
-            for name in told.get(written, [written]):
-                if name in rows:
-                    raise DataError(
-                        f"{row[0]}: {name!r} has a row already ({rows[name][0]}); remove one"
-                    )
-                rows[name] = row
-        return rows
-
-    def _check(
-        self, path: Path, table: dict[str, Row], images: Sequence[Path], is_shared: bool
-    ) -> None:
-        if "*" in path.name:  # a file per row: others may lie beside those of images
-            return
-        known = {name for image in images for name in self._spellings(image, path, is_shared)}
+    def _table(
+        self, path: Path, key: str, columns: Sequence[str], images: Sequence[Path]
+    ) -> dict[Path, Row]:
+        """Rows of a CSV by image."""
+        of = {image.relative_to(self.folder).as_posix(): image for image in images}
+        names = WrittenNames(of, self.folder, path.parent)
+        rows = read_cells(path, [*columns, key])
+        is_joint = bool(template_columns(key))
+        told = recordings_of([cells[key] for _, cells in rows], [*of]) if is_joint else {}
+        found: dict[Path, Row] = {}
         elsewhere: frozenset[str] | None = None
-        for name, (where, _) in table.items():
-            # A row may name an existing file outside the layout's pattern.
-            if name in known or any(is_there(name, base) for base in (self.folder, path.parent)):
+        for where, cells in rows:
+            if not cells[key]:
+                raise DataError(f"{where}: no name of an image in column {key!r}; fill it in")
+            alone = names.find(cells[key])
+            for name in [alone] if alone else told.get(cells[key], ()):
+                if of[name] in found:
+                    first = found[of[name]][0]
+                    raise DataError(f"{where}: {name!r} has a row already ({first}); remove one")
+                found[of[name]] = where, cells
+            # a file per row has others beside it, and a row may name one outside of the pattern
+            if alone or cells[key] in told or "*" in path.name:
                 continue
             if elsewhere is None:
                 elsewhere = names_below(self.folder) - {image.name for image in images}
-            if name in elsewhere:
-                continue
-            fix = "correct the row, or remove it"
-            if sum(image.name == name for image in images) > 1:
-                fix = f"several are called so; give the path from {self.folder} on"
-            usual = [self._spellings(image, path, is_shared)[0] for image in images]
-            near = (get_close_matches(name, usual[:_COMPARED], n=1) or usual)[0]
-            raise DataError(
-                f"{where}: {name!r} names no image in {self.folder} (one that there is: {near!r});"
-                f" {fix}"
-            )
+            plain = names.plain(cells[key])
+            bases = self.folder, path.parent
+            if plain not in elsewhere and not any(is_there(plain, base) for base in bases):
+                raise self._unknown(where, plain, names)
+        return found
 
-    @cached_property
-    def _alone(self) -> set[str]:
-        """Ends of paths unique to one image."""
-        ends = Counter(end for image in self.images for end in self._ends(image))
-        return {end for end, count in ends.items() if count == 1}
-
-    def _ends(self, image: Path) -> list[str]:
-        """Ends of its path from folders below that of the layout on."""
-        return ends_of(image.as_posix().removeprefix(_start(self.folder)))
-
-    def _spellings(self, image: Path, table: Path, is_shared: bool) -> list[str]:
-        path = image.as_posix()
-        bases = dict.fromkeys(map(_start, (self.folder, table.parent)))
-        names = [path.removeprefix(base) for base in bases if path.startswith(base)]
-        names.append(path if image.is_absolute() else image.absolute().as_posix())
-        names += [end for end in self._ends(image) if not is_shared or end in self._alone]
-        return [*names, *(name.removesuffix(image.suffix) for name in names)]
-
-
-def _start(folder: Path) -> str:
-    """Begin of the paths of a folder's files."""
-    return "" if folder == Path() else f"{folder.as_posix()}/"
+    def _unknown(self, where: str, name: str, names: WrittenNames) -> DataError:
+        """Error about a row that names no image."""
+        fix = "correct the row, or remove it"
+        if sum(Path(one).name == name for one in names.all) > 1:
+            fix = f"several are called so; give the path from {self.folder} on"
+        return DataError(
+            f"{where}: {name!r} names no image in {self.folder} (one that there is: "
+            f"{names.nearest(name)!r}); {fix}"
+        )
 
 
 def names_images(path: Path) -> bool:
@@ -172,22 +127,13 @@ def names_images(path: Path) -> bool:
     return any(name in rows[0][1] for name in KEYS)
 
 
-def _table(path: Path, key: str | None, columns: Sequence[str]) -> dict[str, Row]:
-    """Rows of a CSV by image name."""
+def _key(path: Path, columns: Sequence[str]) -> str:
+    """Column of the names of images of a CSV."""
+    header = list(next(iter(read_cells(path, columns)), ("", {}))[1])
+    key = next((name for name in KEYS if name in header), None)
     if key is None:
-        header = list(next(iter(read_cells(path, columns)), ("", {}))[1])
-        key = next((name for name in KEYS if name in header), None)
-        if key is None:
-            raise ConfigError(
-                f"{path}: which column names the images? Give key: NAME, one of "
-                f"{', '.join(header) or 'its columns'}; or frame: or time: of a recording's rows"
-            )
-    rows: dict[str, Row] = {}
-    for where, cells in read_cells(path, [*columns, key]):
-        name = normpath(cells[key].replace("\\", "/")) if cells[key] else ""
-        if not name:
-            raise DataError(f"{where}: no name of an image in column {key!r}; fill it in")
-        if name in rows:
-            raise DataError(f"{where}: {name!r} has a row already ({rows[name][0]}); remove one")
-        rows[name] = where, cells
-    return rows
+        raise ConfigError(
+            f"{path}: which column names the images? Give key: NAME, one of "
+            f"{', '.join(header) or 'its columns'}; or frame: or time: of a recording's rows"
+        )
+    return key

@@ -81,6 +81,7 @@ class DatasetLayout:
     times: ClockKeys | str
     order: ClockKeys | str
     stream: StreamKeys
+    white: float | None
     every: float
     ignore: tuple[str, ...]
     crops: Mapping[str, Tile]
@@ -138,6 +139,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         times=parse_times(keys.times, each, where),
         order=parse_order(keys.order, each, where),
         stream=StreamKeys(channels=keys.channels, rotate=keys.rotate, mirror=keys.mirror),
+        white=keys.white,
         every=keys.every,
         ignore=keys.ignore,
         crops=crops,
@@ -219,6 +221,11 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
                     f"{where}: track {track.name!r} has {len(track.frames)} ranges and margin "
                     f"{track.margin}; give frames: [[first, end], ...] and 0 or more"
                 )
+    if keys.white is not None and not 255 < keys.white <= 65535:
+        raise ConfigError(
+            f"{where}: white is {keys.white:g}; give the value of white in pictures of 16 bits: "
+            "1023, 4095, 16383 or 65535 (10, 12, 14 or 16 bits)"
+        )
     if not 1 <= keys.every < float("inf"):
         raise ConfigError(
             f"{where}: every is {keys.every:g}; give the stored frames for each frame of the "

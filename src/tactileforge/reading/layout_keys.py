@@ -212,6 +212,7 @@ class LayoutKeys(StreamKeys, OriginKeys):
     fps: float | None = None
     times: str | ClockKeys | None = None
     order: str | ClockKeys | None = None
+    white: float | None = None
     every: float = 1.0
     ignore: tuple[str, ...] = ()
     crops: dict[str, CropKeys] = field(default_factory=dict)

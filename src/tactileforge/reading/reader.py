@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from itertools import chain, pairwise
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,57 +21,21 @@ from tactileforge.data.frames.small import shrink
 from tactileforge.data.frames.stacks import open_film
 from tactileforge.data.labels.actions import label_actions
 from tactileforge.errors import DataError, DataNotFoundError
-from tactileforge.reading.files import deeper, kind_of, matching_files
+from tactileforge.reading.files import matching_files
+from tactileforge.reading.found_touches import FoundTouches
 from tactileforge.reading.frame_clock import Clocks, FrameClock
 from tactileforge.reading.frame_tables import FrameTables
 from tactileforge.reading.image_rows import ImageRows
-from tactileforge.reading.label_rows import LabelRow, match_labels, row_of_series
+from tactileforge.reading.label_rows import LabelRow
 from tactileforge.reading.layout import (
     DatasetLayout,
     check_action,
     check_sensor,
 )
 from tactileforge.reading.layout_keys import MEDIAN_FRAMES, FrameTable
-from tactileforge.reading.name_times import name_times
-from tactileforge.reading.order import order_doubt
-from tactileforge.reading.series import names_of, series_of
 from tactileforge.reading.tables import number_or_text
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.touch import FileFrames, LayoutTouch, open_files
-from tactileforge.reading.trials import TRIAL, trials_of
-
-
-def join_trials(
-    found: Sequence[tuple[LayoutReader, Sequence[LayoutTouch]]],
-) -> list[list[tuple[str, str]]]:
-    """Layout and name of the trials of the touches of each layout.
-
-    Layouts of one folder share trials, each under the first of them: two sensors of a take may each
-    have a layout of their own.
-
-    Args:
-        found: Layouts with all their touches.
-    """
-    trials = [
-        [(reader.layout.name, trial) for trial in reader.trials(touches)]
-        for reader, touches in found
-    ]
-    folders: dict[Path, list[tuple[int, int, str]]] = {}
-    for of, (reader, touches) in enumerate(found):
-        named = zip(touches, reader.names(touches), strict=True)
-        for place, (touch, name) in enumerate(named):
-            is_only = trials[of][place][1] == touch.name  # of its layout
-            if is_only and reader.layout.hold_out == "trial":
-                folders.setdefault(reader.folder, []).append((of, place, name))
-    for rows in folders.values():
-        joined = trials_of([name for *_, name in rows])
-        layouts: dict[str, set[int]] = {}
-        for (of, *_), trial in zip(rows, joined, strict=True):
-            layouts.setdefault(trial, set()).add(of)
-        for (of, place, _), trial in zip(rows, joined, strict=True):
-            if len(layouts[trial]) > 1:
-                trials[of][place] = found[min(layouts[trial])][0].layout.name, trial
-    return trials
 
 
 class LayoutReader:
@@ -112,153 +74,18 @@ class LayoutReader:
         self._clocks, self._tables = Clocks(self.layout, rows), FrameTables(self.layout, rows)
 
     def touches(self) -> list[LayoutTouch]:
-        """The touches, in natural order; reads only the labels.
-
-        Raises:
-            DataNotFoundError: No file matches.
-            DataError: A row of the labels does not match any file.
-            ConfigError: A pattern is invalid.
-        """
-        files, odd = matching_files(self.folder, self.layout.globs, self.layout.name)
-        self.odd += [f"{path}: no file but {kind_of(path)}; left out" for path in odd]
-        if not files:
-            raise DataNotFoundError(
-                f"{self.folder}: no file matches {' or '.join(self.layout.globs)!r}"
-                f"{deeper(self.folder, self.layout.globs, self.layout.name)}; set data.root to the "
-                f"folder of the data, or correct the pattern of layout {self.layout.name!r}"
-            )
-        named = self._grouped(files)
-        self._of(ImageRows(self.folder, files))
-        labels = match_labels(self.layout, self.folder, named)
-        touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
-        if self.layout.each == "sequence" and not self.layout.order:
-            touches = [*chain(*map(self._series, touches))]
-        if self.layout.films:
-            touches = [*chain(*map(self._films, touches))]
-        return self._without_backgrounds(touches)
+        """The touches, in natural order; see `found_touches.FoundTouches`."""
+        found = FoundTouches(self.layout, self.folder, self.doubts)
+        self.odd += found.odd
+        rows = ImageRows(self.folder, found.files)
+        self._of(rows)
+        return found.touches(rows)
 
     def again(self) -> LayoutReader:
         """A fresh reader of the same files, for another split."""
         other = copy(self)
         other.tagged = (0, 0)
         return other
-
-    def _grouped(self, files: list[Path]) -> dict[str, list[Path]]:
-        """Files of each touch, by its name from the folder of the layout."""
-        layout, grouped = self.layout, dict[Path, list[Path]]()
-        rows: dict[str, LabelRow] = {}
-        if layout.recording:
-            each = {path.relative_to(self.folder).as_posix(): [path] for path in files}
-            rows = match_labels(replace(layout, each="touch"), self.folder, each)
-        for path in files:
-            touch = path.parent if layout.each == "sequence" else path
-            if layout.recording:
-                row = rows[path.relative_to(self.folder).as_posix()]
-                group = row.fill(layout.recording)
-                if not group:
-                    raise DataError(
-                        f"{row.where}: no value for recording: {layout.recording!r}; fill it in, "
-                        "or move the image out"
-                    )
-                touch /= group
-            grouped.setdefault(touch, []).append(path)
-        return {touch.relative_to(self.folder).as_posix(): of for touch, of in grouped.items()}
-
-    def _without_backgrounds(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
-        """Touches without the background images, and without touches left empty."""
-        rule = self.layout.background
-        if rule is None or rule.file is None:
-            return self._in_order(touches)
-        # a video may name itself, with the frames in it: one file for all is not a touch
-        if self.layout.each == "video" and template_columns(rule.file):
-            return touches
-        names = {touch.row.fill(rule.file) for touch in touches}
-        still = {self.folder / name for name in names if name is not None}
-        kept = [
-            replace(touch, paths=[path for path in touch.paths if path not in still])
-            for touch in touches
-        ]
-        # the only video may name itself, too
-        return self._in_order([touch for touch in kept if touch.paths] or touches)
-
-    def _in_order(self, touches: list[LayoutTouch]) -> list[LayoutTouch]:
-        """Touches with their images in the layout's order."""
-        if self.layout.each != "sequence":
-            return touches
-        out = []
-        for touch in touches:
-            paths = self._clocks.ordered(touch.paths, partial(self._path, touch=touch))
-            self._doubt(touch, "" if self.layout.order else order_doubt(paths))
-            out.append(replace(touch, paths=paths))
-        return out
-
-    def _films(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
-        """The touch of each chosen stream of a video; those of one file are held out together."""
-        for name, number in (self.layout.films or {}).items():
-            key = f"{touch.name}#{name}" if name else touch.name
-            yield replace(touch, name=key, folder=touch.name, stream=number)
-
-    def _series(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
-        """The touch, or one for each series of its folder."""
-        found = series_of(touch.paths)
-        if len(found) == 1:
-            yield touch
-            return
-        names = [repr(name) for name, paths in found.items() if len(paths) > 1]
-        more = ", ..." if len(names) > 3 else ""
-        above, slash, _ = self.layout.globs[0].rpartition("/")
-        pattern = above + slash + names_of(next(iter(found.values())))
-        self._doubt(
-            touch,
-            f"{len(names)} series of images in one folder, {', '.join(names[:3])}{more}, are each "
-            f"taken for a recording; images: {pattern!r} would read only {names[0]}",
-        )
-        rows = {}
-        for name, paths in found.items():
-            images = [path.relative_to(self.folder).as_posix() for path in paths]
-            rows[name] = row_of_series(touch.row, name, images, self.layout)
-        is_one = self._is_one_take([(found[name], rows[name]) for name in found])
-        for name, paths in found.items():
-            key = f"{touch.name}/{name}".removeprefix("./")
-            # sensors of one take, but not takes of one folder, are held out together
-            folder = touch.name if is_one and not TRIAL.match(name) else ""
-            yield replace(touch, name=key, paths=paths, row=rows[name], folder=folder)
-
-    def _is_one_take(self, series: Sequence[tuple[list[Path], LabelRow]]) -> bool:
-        """Whether series may be of one take: of one object, and not one after the other."""
-        several = [(paths, row) for paths, row in series if len(paths) > 1]
-        if self.layout.object and len({row.fill(self.layout.object) for _, row in several}) > 1:
-            return False
-        spans = [_span(paths) for paths, _ in several]
-        dated = sorted(span for span in spans if span is not None)
-        after = [before[1] < first[0] for before, first in pairwise(dated)]
-        return len(dated) < len(spans) or not after or not all(after)
-
-    def trials(self, touches: Sequence[LayoutTouch]) -> list[str]:
-        """Names of the trials of touches, the held-out units; see `trials.trials_of`.
-
-        Args:
-            touches: All touches of the layout.
-        """
-        names = self.names(touches)
-        spans = {}
-        for name, touch in zip(names, touches, strict=True):
-            if (span := _span(touch.paths)) is not None:
-                spans[name] = span
-        trials = trials_of(names, spans)
-        alone = Counter(trials)
-        # a recording without others keeps its own name, whatever words are in it
-        return [
-            trial if alone[trial] > 1 else touch.name
-            for trial, touch in zip(trials, touches, strict=True)
-        ]
-
-    def names(self, touches: Sequence[LayoutTouch]) -> list[str]:
-        """Names of touches, for telling trials: paths without the endings of files."""
-        names = [touch.folder or touch.name for touch in touches]
-        if self.layout.each != "sequence":
-            names = [str(PurePosixPath(name).with_suffix("")) for name in names]
-        return names
 
     def open(self, touch: LayoutTouch) -> FileFrames:
         """Opens the frames of a touch; decodes nothing.
@@ -268,9 +95,9 @@ class LayoutReader:
         """
         is_film = self.layout.each == "video"
         frames = (
-            open_film(touch.paths[0], touch.stream)
+            open_film(touch.paths[0], touch.stream, self.layout.white)
             if is_film
-            else ImageFrames(touch.paths, index=self.index)
+            else ImageFrames(touch.paths, index=self.index, white=self.layout.white)
         )
         background = self.layout.background
         least = 0 if background is None or background.file else background.first + background.last
@@ -296,7 +123,7 @@ class LayoutReader:
         """
         layout, row = self.layout, touch.row
         video = None if isinstance(frames, ImageFrames) else frames
-        clock = self._clocks.times(touch.paths, video, partial(self._path, touch=touch))
+        clock = self._clocks.times(touch.paths, video, partial(touch.path, self.folder))
         self._doubt(touch, clock.doubt)
         if layout.labels and not row.cells:
             self._doubt(touch, f"has no row in {layout.labels}")
@@ -348,15 +175,6 @@ class LayoutReader:
             )
             yield thinned(self._tracked(tile, touch, name), layout.every)
 
-    def _path(self, template: str, touch: LayoutTouch) -> Path:
-        name = touch.row.fill(template)
-        if name is None:
-            raise DataError(
-                f"{touch.row.where}: a column of {template!r} is empty; fill it in, or remove "
-                "the file"
-            )
-        return self.folder / name
-
     def _sensor(self, template: str, touch: LayoutTouch) -> str:
         name = touch.row.fill(template)
         if name is None:
@@ -385,8 +203,8 @@ class LayoutReader:
             table = replace(table, start=started)
         felt_by = [self.layout.sensor, *(tile.sensor for tile in self.layout.crops.values())]
         sensor = self._sensor(next(name for name in felt_by if name), touch)
-        path, note = self._path(table.file, touch), partial(self._doubt, touch)
-        return self._tables.force(table, path, clock, sensor, touch.paths, note, change)
+        note = partial(self._doubt, touch)
+        return self._tables.force(table, touch, note, clock, sensor, change)
 
     def _tracked(self, recording: Recording, touch: LayoutTouch, crop: str) -> Recording:
         keys = self.layout.tracks
@@ -394,14 +212,10 @@ class LayoutReader:
             return recording
         if isinstance(keys, tuple):
             return self._tables.ranged(recording, keys, touch.paths[0])
-        path, note = (
-            self._path(keys.file.replace("{crop}", crop), touch),
-            partial(self._doubt, touch),
+        file = keys.file.replace("{crop}", crop)
+        return self._tables.tracked(
+            recording, replace(keys, file=file), touch, partial(self._doubt, touch)
         )
-        if path.is_file():
-            return self._tables.tracked(recording, keys, path, touch.paths, note)
-        self._doubt(touch, "has no file of tracks")  # labels by hand grow: said, and no error
-        return recording
 
     def _action(
         self, touch: LayoutTouch, times: NDArray[np.float64], force: NDArray[np.float32] | None
@@ -412,8 +226,7 @@ class LayoutReader:
         if action == "force" and force is not None:
             return label_actions(times, force)
         if isinstance(action, FrameTable):
-            path, note = self._path(action.file, touch), partial(self._doubt, touch)
-            return self._tables.actions(action, path, len(times), touch.paths, note)
+            return self._tables.actions(action, touch, partial(self._doubt, touch), len(times))
         actions = np.full(len(times), -1, np.int64)
         if isinstance(action, str):
             for frame, row in self._rows(touch, action):
@@ -445,9 +258,9 @@ class LayoutReader:
         rule = self.layout.background
         if rule is None or rule.file is None:
             return None
-        path = self._path(rule.file, touch)
+        path = touch.path(self.folder, rule.file)
         if path not in self._backgrounds:
-            self._backgrounds[path] = open_files([path])
+            self._backgrounds[path] = open_files([path], white=self.layout.white)
         background = self._backgrounds[path]
         other = str(touch.paths[0])
         check_background_size(background.full_shape, frames.full_shape, str(path), other)
@@ -501,12 +314,3 @@ def _change(frames: FileFrames, no_contact: Frames | None) -> NDArray[np.float64
     return np.array(
         [float(np.abs(shrink(frames.read([row])[0]) - still).mean()) for row in range(len(frames))]
     )
-
-
-def _span(paths: Sequence[Path]) -> tuple[float, float] | None:
-    """Times of the first and last image by dates in their names, s; None without."""
-    found = name_times([paths[0].stem, paths[-1].stem], None)
-    if found.start is None or found.times is None:
-        return None
-    start = float(found.start)
-    return start, start + float(found.times[-1])

@@ -1,4 +1,4 @@
-"""Words of sides and fingers, by which the sensors of one touch are told apart."""
+"""Words of sides and fingers, for telling the sensors of one touch apart."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ import csv
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import TypeAlias
@@ -41,14 +42,30 @@ Fit: TypeAlias = Callable[
 ]
 
 
+@dataclass(frozen=True)
+class FoundRows:
+    """Rows of a table that are of a touch.
+
+    Attributes:
+        images: Rows by frame, for rows with image names; None for rows by frame or time.
+        own: Those of the recording, of a table for all; None for all rows of the CSV.
+    """
+
+    images: Mapping[int, Row] | None = None
+    own: Sequence[Row] | None = None
+
+
+#: All rows of a CSV, by frame or time.
+ALL_ROWS = FoundRows()
+
+
 def read_force(
     table: FrameTable,
     path: Path,
     times: NDArray[np.float64],
     sensor: str,
     fit: Fit = on_frames,
-    images: Mapping[int, Row] | None = None,
-    rows: Sequence[Row] | None = None,
+    found: FoundRows = ALL_ROWS,
 ) -> NDArray[np.float32]:
     """Forces per frame, with the images' delay applied.
 
@@ -58,8 +75,7 @@ def read_force(
         times: float64 (T,), times of the frames, s.
         sensor: Name of the measuring sensor.
         fit: Conversion of row times to the clock of the frames; see `table_clock.on_frames`.
-        images: Rows by frame, for rows with image names; None for rows by frame or time.
-        rows: Those of the recording, of a table for all; None for all rows of the CSV.
+        found: Rows of the touch.
 
     Returns:
         float32 (T, 3), N. NaN for an empty cell, for an axis without a column, and for frames
@@ -76,12 +92,12 @@ def read_force(
             f"{times[-1] - times[0]:.3g} s; give seconds, such as 0.07"
         )
     if table.time is not None:
-        clock, measured = _on_a_clock(table, path, sensor, rows)
+        clock, measured = _on_a_clock(table, path, sensor, found.own)
         at = fit(table, path, clock, times, measured)
         # images are late: what a frame shows was felt lag_s before it
         return resample(times - table.lag_s, at, measured).astype(np.float32)
     force = np.full((len(times), 3), np.nan)
-    for frame, where, cells in _per_frame(table, path, len(times), images, rows):
+    for frame, where, cells in _per_frame(table, path, len(times), found):
         force[frame] = _force(table, where, cells, sensor)
     return _delayed(times, force, table.lag_s).astype(np.float32)
 
@@ -140,8 +156,7 @@ def read_actions(
     table: FrameTable,
     path: Path,
     count: int,
-    images: Mapping[int, Row] | None = None,
-    rows: Sequence[Row] | None = None,
+    found: FoundRows = ALL_ROWS,
 ) -> NDArray[np.int64]:
     """Actions per frame, int64 (count,), as indices in `ACTIONS`; -1 for an empty cell or NaN.
 
@@ -151,7 +166,7 @@ def read_actions(
         ConfigError: The name of an action is unknown.
     """
     actions = np.full(count, -1, np.int64)
-    for frame, where, cells in _per_frame(table, path, count, images, rows):
+    for frame, where, cells in _per_frame(table, path, count, found):
         (name,) = map(stated, cells.values())
         if name:
             check_action(name, where)
@@ -163,8 +178,7 @@ def read_tracks(
     table: FrameTable,
     path: Path,
     count: int,
-    images: Mapping[int, Row] | None = None,
-    rows: Sequence[Row] | None = None,
+    found: FoundRows = ALL_ROWS,
 ) -> dict[str, NDArray[np.float32]]:
     """Numbers per frame by column, float32 (count,); NaN for an empty cell or a missing row.
 
@@ -173,28 +187,25 @@ def read_tracks(
         DataError: A row has an invalid frame, or a cell is not a finite number.
     """
     tracks = {name: np.full(count, np.nan, np.float32) for name in table.columns}
-    for frame, where, cells in _per_frame(table, path, count, images, rows):
+    for frame, where, cells in _per_frame(table, path, count, found):
         for name, cell in cells.items():
             tracks[name][frame] = _number(stated(cell), f"{where}, column {name!r}")
     return tracks
 
 
 def _per_frame(
-    table: FrameTable,
-    path: Path,
-    count: int,
-    images: Mapping[int, Row] | None = None,
-    rows: Sequence[Row] | None = None,
+    table: FrameTable, path: Path, count: int, found: FoundRows
 ) -> list[tuple[int, str, dict[str, str]]]:
     """Frame number, place and needed cells of each row of a CSV per frame."""
     named = [name for name in table.columns if name]
-    if images is not None:
+    if found.images is not None:
         return [
             (frame, where, {name: cells[name] for name in named})
-            for frame, (where, cells) in images.items()
+            for frame, (where, cells) in found.images.items()
         ]
     needed = [*named, *([table.frame] if table.frame else [])]
     out, seen = [], set()
+    rows = found.own
     if rows is None:
         rows = read_cells(path, needed, whole=table.frame is None)
     for i, (where, cells) in enumerate(rows):

@@ -132,7 +132,7 @@ def _inside(name: str, cell: str) -> dict[str, str]:
         except ValueError:
             return {}
     parts = _PARTED.split(cell.strip(_AROUND))
-    if len(parts) < 2 or not all(map(_is_number, parts)):
+    if len(parts) < 2 or not all(map(is_number, parts)):
         return {}
     return {f"{name}.{i}": part for i, part in enumerate(parts)}
 
@@ -158,7 +158,7 @@ def _mark(text: str) -> str:
     if any("," in line for line in body):
         return ","
     widths = {len(line.split()) for line in body}
-    is_numeric = all(map(_is_number, " ".join(body).split()))
+    is_numeric = all(map(is_number, " ".join(body).split()))
     return " " if is_numeric and len(widths) == 1 and min(widths) > 1 else ","
 
 
@@ -173,7 +173,7 @@ def _header(lines: Sequence[Cells]) -> tuple[list[str] | None, int]:
         return comment or None, begin
     first = lines[begin]
     if _is_data(first):
-        named = len(comment) == len(first) and not any(map(_is_number, comment))
+        named = len(comment) == len(first) and not any(map(is_number, comment))
         return (comment, begin) if named else (None, begin)
     begin = _below_titles(lines, begin)
     header, second = list(lines[begin]), begin + 1
@@ -188,10 +188,10 @@ def _below_titles(lines: Sequence[Cells], begin: int) -> int:
     for i in range(begin, len(lines) - 1):
         cells = lines[i]
         is_names = len(cells) == width > 1 and all(cells) and len({*cells}) == width
-        if is_names and not any(map(_is_number, cells)):
+        if is_names and not any(map(is_number, cells)):
             after = next((line for line in lines[i + 1 :] if any(line)), ())
             after = lines[i + 2] if _is_second(lines[i + 1 :]) else after
-            return i if any(map(_is_number, after)) else begin
+            return i if any(map(is_number, after)) else begin
         # a title has other cells than the table, or the first alone
         if len(cells) == width and (sum(map(bool, cells)) > 1 or not cells[0]):
             return begin
@@ -200,13 +200,13 @@ def _below_titles(lines: Sequence[Cells], begin: int) -> int:
 
 def _is_second(lines: Sequence[Cells]) -> bool:
     """Whether the first of some lines is of names or units: texts above numbers alone."""
-    if len(lines) < 2 or not any(lines[0]) or any(map(_is_number, lines[0])):
+    if len(lines) < 2 or not any(lines[0]) or any(map(is_number, lines[0])):
         return False
     below = [line for line in lines[1:] if any(line)]
     texts = [i for i, cell in enumerate(lines[0]) if stated(cell)]
     columns = [[stated(line[i]) for line in below if i < len(line)] for i in texts]
     return bool(columns) and all(
-        any(column) and all(_is_number(cell) for cell in column if cell) for column in columns
+        any(column) and all(is_number(cell) for cell in column if cell) for column in columns
     )
 
 
@@ -251,7 +251,7 @@ def _is_data(cells: Cells) -> bool:
     filled = [cell for cell in cells if cell]
     if filled == [str(i) for i in range(len(filled))] and len(filled) > 1:
         return False
-    return 2 * sum(map(_is_number, filled)) >= len(filled) > 0
+    return 2 * sum(map(is_number, filled)) >= len(filled) > 0
 
 
 def _is_comment(cells: Cells) -> bool:
@@ -263,10 +263,16 @@ def _uncommented(cells: Cells) -> list[str]:
     return cells if cells[0] or (len(cells) > 1 and cells[1] == "") else [*cells[1:]]
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number as programs write it.
+
+    Example:
+        >>> is_number("-1.5e3"), is_number("nan"), is_number("3 N")
+        (True, True, False)
+    """
     return _NUMBER.fullmatch(cell) is not None
 
 
 def _is_decimal(cell: str) -> bool:
     cell = cell.strip()
-    return _is_number(cell) or _WITH_COMMA.fullmatch(cell) is not None
+    return is_number(cell) or _WITH_COMMA.fullmatch(cell) is not None

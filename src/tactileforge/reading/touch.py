@@ -35,13 +35,34 @@ class LayoutTouch:
     folder: str = ""
     stream: int = 0
 
+    def path(self, folder: Path, template: str) -> Path:
+        """A path that a template gives for the touch.
 
-def open_files(paths: list[Path], index: PictureIndex | None = None) -> FileFrames:
+        Args:
+            folder: Folder of the layout.
+            template: Path with columns in braces.
+
+        Raises:
+            DataError: One of the columns is empty.
+        """
+        name = self.row.fill(template)
+        if name is None:
+            raise DataError(
+                f"{self.row.where}: a column of {template!r} is empty; fill it in, or remove the "
+                "file"
+            )
+        return folder / name
+
+
+def open_files(
+    paths: list[Path], index: PictureIndex | None = None, white: float | None = None
+) -> FileFrames:
     """Opens a background or a camera view of a touch.
 
     Args:
         paths: Path of a video or stack, or paths of images.
         index: Headers that are known; None reads each.
+        white: Value of white in pictures of 16 bits; None where there are none.
 
     Raises:
         DataNotFoundError: A file does not exist.
@@ -50,7 +71,9 @@ def open_files(paths: list[Path], index: PictureIndex | None = None) -> FileFram
     alone = paths[0] if len(paths) == 1 else None
     is_film = alone and (alone.suffix.lower() in VIDEO_SUFFIXES or is_stack(alone))
     try:
-        return open_film(paths[0]) if is_film else ImageFrames(paths, index=index)
+        if is_film:
+            return open_film(paths[0], white=white)
+        return ImageFrames(paths, index=index, white=white)
     except DataNotFoundError:  # a slip of the layout, which is no damage of one touch
         raise
     except DataError as error:

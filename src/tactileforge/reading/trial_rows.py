@@ -10,11 +10,11 @@ from typing import TypeAlias
 from unicodedata import normalize
 
 from tactileforge.reading.sides import SIDE_WORDS
+from tactileforge.reading.text_tables import is_number
 from tactileforge.reading.trials import trial_of
 from tactileforge.reading.written_names import ENDING, by_ends
 
 _NUMBERED = re.compile(r".*?(\d+)")
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"\d+|[^\W\d_]+")
 #: Words for a recording, in names and in headers of columns.
 RECORDING_WORDS = (
@@ -61,7 +61,7 @@ def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, Se
     }
     if not all(map(str.isdecimal, written)):
         for cell in written:
-            is_words = cell not in told and _NUMBER.fullmatch(cell) is None
+            is_words = cell not in told and not is_number(cell)
             if is_words and (members := _by_words(cell, tuple(names))):
                 told[cell] = members
         return told

@@ -90,7 +90,7 @@ NOTIONS = {
     "rotate": "degrees, clockwise, that put pictures upright: 0, 90, 180 or 270",
     "mirror": "`x`: left and right are exchanged; `y`: top and bottom; before `rotate`",
     "axes": "order of the axes of a picture: `hwc`, `chw` or `hw`",
-    "white": "value of white, in pictures of fractions",
+    "white": "value of white, in pictures of fractions or of 16 bits",
     "every": "stored frames for each frame of the camera",
     "ignore": "codes of checks that are known to find something",
     "background": "frames or a picture without contact, or `none`",

@@ -18,13 +18,19 @@ from tactileforge.errors import (
     check_names,
     command,
     home_path,
-    unknown,
 )
-from tactileforge.reading import add_once, as_texts, is_held_out, one_of_few
+from tactileforge.reading import (
+    Drawn,
+    add_once,
+    as_texts,
+    check_share,
+    check_split,
+    is_held_out,
+    load_map,
+    one_of_few,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from tactileforge_episodes.map_keys import EpisodeMap
     from tactileforge_episodes.reader import EpisodeFile
     from tactileforge_episodes.statements import Statements
@@ -36,7 +42,7 @@ _SMALL = 30
 _LABELS = ("force", "action", "object", "text", "image")
 
 
-class Episodes:
+class Episodes(Drawn):
     """Arrays of episodes, one recording a sensor and episode (`docs/data.md`).
 
     Files are read where they lie, in folders, zip and tar: zarr (versions 2 and 3), HDF5, npz and
@@ -87,8 +93,7 @@ class Episodes:
         licence: str = "",
         val: float = 0.1,
     ) -> None:
-        if not 0 <= val < 1:
-            raise ConfigError(f"data.val={val}; give the held-out share, 0 or more, below 1")
+        check_share(val)
         if preset and map:
             raise ConfigError(
                 "give data.preset=NAME, a known format, or data.map=FILE.yaml, not both"
@@ -120,7 +125,7 @@ class Episodes:
             ConfigError: There is no such preset or file, or a key of it is invalid.
             DataNotFoundError: No format is recognised.
         """
-        from tactileforge_episodes.map_files import parse_map, read_map, read_preset
+        from tactileforge_episodes.map_files import parse_map, read_preset
 
         options: Mapping[str, Any] = {"preset": self.preset, "map": self.map}
         if not self.preset and not self.map:
@@ -128,7 +133,8 @@ class Episodes:
         if preset := options.get("preset"):
             keys = read_preset(str(preset))
         elif isinstance(options["map"], str):
-            keys = read_map(home_path(options["map"]))
+            path = home_path(options["map"])
+            keys = parse_map(str(path), load_map(path))
         else:
             keys = parse_map("data.map", options["map"])
         check_names("data.large", self.large, keys.large)
@@ -210,8 +216,7 @@ class Episodes:
             DataError: No recording of the split can be read.
             ConfigError: An unknown split, or an option is missing.
         """
-        if split not in ("train", "val"):
-            raise ConfigError(unknown("split", split, ("train", "val")))
+        check_split(split)
         opened = 0
         for file in self._files(split):
             try:
@@ -314,12 +319,6 @@ class Episodes:
         """The held-out unit."""
         unit = self._template or "episode"
         return [f"by {unit}, with all its sensors and cameras"] if self.val else []
-
-    def plot(self, recording: Recording) -> Figure:
-        """Plots a recording."""
-        from tactileforge.reading import plot_recording
-
-        return plot_recording(recording)
 
     @staticmethod
     def recognise(root: Path) -> Guess | None:

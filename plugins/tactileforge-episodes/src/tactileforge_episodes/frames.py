@@ -5,20 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames
-from tactileforge.data import EncodedFrames, LazyImages
+from tactileforge.data import EncodedFrames, LazyImages, is_deep, pixels_of
 from tactileforge.errors import DataError
 from tactileforge_episodes.arrays import ArrayView
 from tactileforge_episodes.map_keys import PictureKeys
 from tactileforge_episodes.refs import ArrayRef
-
-#: Largest excess of a fraction over white, as a share, that is taken for rounding.
-_ROUNDING = 0.01
 
 
 @dataclass(frozen=True)
@@ -61,48 +57,27 @@ class Pictures:
         values = np.repeat(values, 3, -1) if values.shape[-1] == 1 else values[..., :3]
         if self.columns is not None:
             values = values[:, :, slice(*self.columns)]
-        pixels = to_pixels(values, self.keys.white, self.ref)
+        pixels = pixels_of(values, self.keys.white, str(self.ref))
         if not pixels.any():  # since it was opened, a chunk may have gone
             check_stored(self.ref, range(self.start + min(indices), self.start + max(indices) + 1))
         return np.ascontiguousarray(pixels[..., ::-1] if self.keys.is_bgr else pixels)
 
 
-def to_pixels(values: NDArray[Any], white: float | None, where: object) -> NDArray[np.uint8]:
-    """Pixels of fractions.
-
-    Args:
-        values: Pictures; uint8 stays as it is.
-        white: Value of white.
-        where: Name of the array, for messages.
-
-    Raises:
-        DataError: A value is not finite, or not between 0 and white.
-    """
-    if values.dtype == np.uint8 or white is None:
-        return values
-    low, high = float(np.min(values)), float(np.max(values))  # NaN where there is one
-    if not -_ROUNDING * white <= low <= high <= (1 + _ROUNDING) * white:
-        raise DataError(
-            f"{where}: values from {low:.4g} to {high:.4g}, where 0 to {white:g} is expected; "
-            "correct `white` in the map, or the file"
-        )
-    pixels: NDArray[np.uint8] = np.rint(values * (255 / white)).clip(0, 255).astype(np.uint8)
-    return pixels
-
-
 @dataclass(frozen=True)
 class Reference:
-    """A single picture without contact, uint8 or with fractions from 0 to 255.
+    """A single picture without contact, uint8 or with fractions from 0 to white.
 
     Attributes:
         ref: The array, (H, W, 3), or (pads, H, W, 3).
         pad: Index along the first axis; None where there is none.
         is_bgr: Whether blue comes first.
+        white: Value of white.
     """
 
     ref: ArrayRef
     pad: int | None
     is_bgr: bool
+    white: float = 255.0
 
     def __len__(self) -> int:
         return 1
@@ -118,7 +93,7 @@ class Reference:
         check_frames(indices, 1, self.ref)
         values = self.ref.whole()
         values = values if self.pad is None or values.ndim < 4 else values[self.pad]
-        pixels = to_pixels(values.reshape(values.shape[-3:]), 255.0, self.ref)
+        pixels = pixels_of(values.reshape(values.shape[-3:]), self.white, str(self.ref))
         return np.stack([pixels[..., ::-1] if self.is_bgr else pixels] * len(indices))
 
 
@@ -151,11 +126,12 @@ def open_pictures(
     sizes = facts.shape[1 if pad is None else 2 :]
     sizes = (*sizes, 1) if keys.axes == "hw" else sizes
     channel = 0 if keys.axes == "chw" else 2
-    good_type = facts.dtype == np.uint8 or (facts.dtype.kind == "f" and keys.white is not None)
+    has_white = facts.dtype.kind == "f" or is_deep(facts.dtype)
+    good_type = facts.dtype == np.uint8 or (has_white and keys.white is not None)
     if len(sizes) != 3 or sizes[channel] not in (1, 3, 4) or not good_type or 0 in sizes:
         wanted = {"hwc": "(T, H, W, 3)", "chw": "(T, 3, H, W)", "hw": "(T, H, W)"}[keys.axes]
         wanted = wanted if pad is None else wanted.replace("(T", "(T, pads")
-        fix = "; for fractions give `white`" if facts.dtype.kind == "f" and not good_type else ""
+        fix = "; for fractions or 16 bits give `white`" if has_white and not good_type else ""
         raise DataError(
             f"{ref}: {facts.dtype} {facts.shape}, where uint8 {wanted} is expected{fix}; correct "
             "the map, or the file"

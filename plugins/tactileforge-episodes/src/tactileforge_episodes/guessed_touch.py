@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.data import EncodedFrames
+from tactileforge.data import EncodedFrames, is_deep
 from tactileforge.errors import DataError, unknown
 from tactileforge.reading import (
     DERIVED,
@@ -21,7 +21,7 @@ from tactileforge.reading import (
     touch_among,
 )
 from tactileforge_episodes.guessed_arrays import ACTIONS, FORCES, TIMES, FoundArrays, short_names
-from tactileforge_episodes.looks import Look, taxel_keys
+from tactileforge_episodes.looks import Look, deep_keys, taxel_keys
 
 #: Attributes that say the order of channels.
 _ORDERS = (
@@ -62,6 +62,8 @@ def _given(found: FoundArrays, key: str) -> str:
     plain = key.removeprefix(found.top)
     if plain not in found.looks:
         raise DataError(f"{found.name}: {unknown('key of data.touch', key, found.looks)}")
+    if is_deep(found.looks[plain].facts.dtype) and (keys := deep_keys(found, found.looks[plain])):
+        found.pictures[plain] = keys
     if plain not in found.pictures and taxel_keys(found.looks[plain]) is None:
         raise DataError(
             f"{found.name}: data.touch: {found.looks[plain]} holds no pictures and no taxels"
@@ -91,6 +93,11 @@ def _shown(found: FoundArrays, look: Look) -> dict[str, Any]:
         return {"sensor": "serial_array", **_drawn(found, look), **_reference(found, look)}
     shape = found.pictures[look.key]
     entry = {"sensor": _sensor(found, look), **shape, **_reference(found, look)}
+    if is_deep(look.facts.dtype):
+        found.doubts.append(
+            f"white: {look.key} has 16 bits, and by its largest values {shape['white']} is white "
+            f"({shape['white'].bit_length()} bits)"
+        )
     if said := _said_channels(found, look.key):
         entry["channels"] = said
         found.doubts.append(f"channels: {said}, as an attribute of {look.key} says")

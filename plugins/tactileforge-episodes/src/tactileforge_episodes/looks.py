@@ -8,7 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tactileforge.reading import Facts, Values
+from tactileforge.data import is_deep, white_of
+from tactileforge.reading import DERIVED, Facts, Values, says_touch
 
 #: Begins of encoded images: JPEG, PNG, WebP, BMP, TIFF, JPEG XL.
 _IMAGES = (
@@ -17,6 +18,8 @@ _IMAGES = (
 )
 #: Fewest pixels of a side of pictures of bytes, and of those of fractions or without channels.
 _SIDE, _LONG_SIDE = 8, 16
+#: Fewest pixels of a side of pictures of 16 bits: smaller ones are numbers of taxels.
+_DEEP_SIDE = 64
 #: Most sensors along the second axis of an array.
 _PADS = 16
 
@@ -72,6 +75,9 @@ def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
         DataError: It is damaged.
     """
     dtype, width = look.facts.dtype, look.width
+    if is_deep(dtype):
+        is_touch = says_touch(look.words) and not look.has(DERIVED)
+        return deep_keys(file, look) if is_touch else None
     if not look.facts.rows or not look.facts.shape:
         return None
     if (dtype == np.uint8 and len(width) == 1) or (dtype.kind in "SO" and not width):
@@ -93,6 +99,25 @@ def picture_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
     if not 0 <= low <= high <= 255:
         return None
     return {**found, "white": 255.0 if high > 1 else 1.0}
+
+
+def deep_keys(file: Arrays, look: Look) -> dict[str, Any] | None:
+    """Keys of a map to read an array of 16 bits as pictures; None for taxels and other values.
+
+    Args:
+        file: The container or episode.
+        look: The array.
+
+    Raises:
+        DataError: It is damaged.
+    """
+    found = _axes(look.width, _DEEP_SIDE)
+    if found is None and len(look.width) == 2 and min(look.width) >= _DEEP_SIDE:
+        found = {"axes": "hw"}
+    if found is None or not look.facts.rows:
+        return None
+    most = int(file.array(look.key).rows(_some(look.facts.rows)).max())
+    return {**found, "white": white_of(most)}
 
 
 def _axes(width: Sequence[int], least: int) -> dict[str, Any] | None:

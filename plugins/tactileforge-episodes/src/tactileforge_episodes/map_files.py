@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.plugins import load_yaml, strict
-from tactileforge.reading import check_origin, check_stream, regular_text
+from tactileforge.reading import check_origin, check_stream
 from tactileforge_episodes.forces import newtons
 from tactileforge_episodes.map_keys import EpisodeMap, TouchKeys
 
@@ -33,19 +32,6 @@ def read_preset(name: str) -> EpisodeMap:
         raise ConfigError(unknown("data.preset", name, preset_names()))
     text = (files(_FOLDER) / f"{name}.yaml").read_text("utf-8")
     return parse_map(f"{name}.yaml", load_yaml(text))
-
-
-def read_map(path: Path) -> EpisodeMap:
-    """A map of a user.
-
-    Raises:
-        ConfigError: The file cannot be read, or a key is unknown, missing or of another type.
-    """
-    try:
-        return parse_map(str(path), load_yaml(regular_text(path)))
-    except (OSError, ValueError) as error:
-        why = " ".join(str(error).split())
-        raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error
 
 
 def parse_map(where: str, content: Any) -> EpisodeMap:

@@ -54,14 +54,14 @@ class TimeKeys(SchemaKeys):
 
 @dataclass(frozen=True, kw_only=True)
 class PictureKeys(StreamKeys):
-    """Pictures: uint8, fractions, or encoded images, one per row.
+    """Pictures: uint8, 16 bits, fractions, or encoded images, one per row.
 
     Attributes:
         array: Path of the array.
         encoded: Order of the channels of decoded images; null for ``channels``.
         axes: ``hwc``, ``chw`` with channels first, or ``hw`` for grey. A single channel is grey,
             too; a fourth, alpha, is left out.
-        white: Value of white in pictures of fractions; null where there are none.
+        white: Value of white in pictures of fractions or of 16 bits; null where there are none.
     """
 
     array: Keys

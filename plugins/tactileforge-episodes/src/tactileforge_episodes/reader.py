@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.contracts import Frames, FrameSubset, Recording
-from tactileforge.data import resample
+from tactileforge.data import is_deep, resample
 from tactileforge.errors import ConfigError, DataError
 from tactileforge.specs import spec
 from tactileforge_episodes.clock import episodes_of, rate_of, times_beside, times_of
@@ -229,7 +229,8 @@ class EpisodeFile:
             ref = self.arrays.find(touch.keys.reference, touch.values)
             if ref is not None:
                 keys = self._coloured(touch.keys)
-                still = keys.upright(Reference(ref, touch.pad, keys.is_bgr), False)
+                white = (keys.white if is_deep(ref.facts.dtype) else None) or 255.0
+                still = keys.upright(Reference(ref, touch.pad, keys.is_bgr, white), False)
                 if still.shape != frames.shape:
                     raise DataError(
                         f"{ref}: {still.shape[0]} x {still.shape[1]} pixels, where touch has "

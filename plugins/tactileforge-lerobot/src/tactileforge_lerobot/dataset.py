@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactileforge.contracts import Guess, Recording
-from tactileforge.errors import ConfigError, DataError, home_path, unknown
-from tactileforge.reading import ForceKeys, StreamKeys, add_once, held_out_names
+from tactileforge.errors import ConfigError, DataError, home_path
+from tactileforge.reading import (
+    Drawn,
+    ForceKeys,
+    StreamKeys,
+    add_once,
+    check_share,
+    check_split,
+    held_out_names,
+)
 from tactileforge_lerobot.drawn import Drawing
 from tactileforge_lerobot.features import Chosen, written_camera
 from tactileforge_lerobot.read import LeRobotFolder
@@ -17,11 +24,8 @@ from tactileforge_lerobot.recognise import recognise
 from tactileforge_lerobot.sets import find_sets
 from tactileforge_lerobot.touch_features import ReadOptions
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-class LeRobot:
+class LeRobot(Drawn):
     """Touch features of LeRobot episodes, one recording each (`docs/lerobot.md`).
 
     ``observation.state`` and ``action`` are the tracks ``state`` and ``robot_action`` of each
@@ -100,8 +104,7 @@ class LeRobot:
         objects: bool = False,
         val: float = 0.1,
     ) -> None:
-        if not 0 <= val < 1:
-            raise ConfigError(f"val is {val}; give the share that is held out, 0 or more, below 1")
+        check_share(val)
         self.root, self.val = home_path(root), val
         self.chosen = Chosen(touch, tuple(sensors), force, tuple(force_columns))
         self.camera = camera
@@ -171,8 +174,7 @@ class LeRobot:
                 split can be read.
             ConfigError: An unknown split, or an option is missing or does not fit the features.
         """
-        if split not in ("train", "val"):
-            raise ConfigError(unknown("split", split, ("train", "val")))
+        check_split(split)
         failed: list[DataError] = []
         broken: list[DataError] = []
         opened = 0
@@ -225,9 +227,3 @@ class LeRobot:
         """The held-out unit."""
         unit = "data set" if self.reading.objects else "episode"
         return [f"by {unit}, with all its sensors and cameras"] if self.val else []
-
-    def plot(self, recording: Recording) -> Figure:
-        """Plots a recording."""
-        from tactileforge.reading import plot_recording
-
-        return plot_recording(recording)

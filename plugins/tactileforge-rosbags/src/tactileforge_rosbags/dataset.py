@@ -9,16 +9,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tactileforge.contracts import Guess, Recording
-from tactileforge.errors import ConfigError, DataError, check_names, home_path, unknown
-from tactileforge.reading import OptionalKeys, add_once, check_data_licence, held_out_names
+from tactileforge.errors import ConfigError, DataError, check_names, home_path
+from tactileforge.reading import (
+    Drawn,
+    OptionalKeys,
+    add_once,
+    check_data_licence,
+    check_share,
+    check_split,
+    held_out_names,
+    load_map,
+)
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from tactileforge_rosbags.map_keys import BagMap
 
 
-class Rosbags:
+class Rosbags(Drawn):
     """ROS bags, one recording a sensor and bag or interval (`docs/data.md`).
 
     Read are rosbag2 in sqlite3 and mcap, and ROS 1 bags, by the package ``rosbags``, without ROS:
@@ -50,8 +57,7 @@ class Rosbags:
         licence: str = "",
         val: float = 0.1,
     ) -> None:
-        if not 0 <= val < 1:
-            raise ConfigError(f"data.val={val}; give the held-out share, 0 or more, below 1")
+        check_share(val)
         if topics and map:
             raise ConfigError("give data.topics, or data.map=FILE.yaml with `touch`, not both")
         check_data_licence("data.licence", licence)
@@ -72,17 +78,19 @@ class Rosbags:
             ConfigError: The file cannot be read, a key is invalid, or no topic is named.
             DataNotFoundError: There is no bag.
         """
-        from tactileforge_rosbags.map_files import check_map, map_of, read_map
+        from tactileforge_rosbags.map_files import check_map, map_of
 
         if not self.map and not self.topics:
             raise ConfigError(
                 f"{self.root}: which topics are touch? data.topics={{TOPIC: SENSOR}}, or a map: "
                 f"data.map=FILE.yaml (docs/data.md); {self._held()}"
             )
-        if isinstance(self.map, str):
-            keys = read_map(home_path(self.map)) if self.map else map_of(self.topics)
-        else:
+        if isinstance(self.map, Mapping):
             keys = check_map("data.map", self.map)
+        elif self.map:
+            keys = check_map(self.map, load_map(home_path(self.map)))
+        else:
+            keys = map_of(self.topics)
         return replace(
             keys,
             clock=self.clock or keys.clock,
@@ -140,8 +148,7 @@ class Rosbags:
         from tactileforge_rosbags.bags import find_bags
         from tactileforge_rosbags.reader import BagFile
 
-        if split not in ("train", "val"):
-            raise ConfigError(unknown("split", split, ("train", "val")))
+        check_split(split)
         keys, opened = self.keys, False
         bags = [*find_bags(self.root)]
         check_names("bag of `intervals`", keys.intervals, {bag.name for bag in bags})
@@ -167,12 +174,6 @@ class Rosbags:
     def held_out(self) -> list[str]:
         """The held-out unit."""
         return ["by bag, with all its sensors and cameras"] if self.val else []
-
-    def plot(self, recording: Recording) -> Figure:
-        """Plots a recording."""
-        from tactileforge.reading import plot_recording
-
-        return plot_recording(recording)
 
     @staticmethod
     def recognise(root: Path) -> Guess | None:

@@ -3,28 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from tactileforge.errors import ConfigError
-from tactileforge.plugins import load_yaml, strict
-from tactileforge.reading import check_origin, check_stream, regular_text
+from tactileforge.plugins import strict
+from tactileforge.reading import check_origin, check_stream
 from tactileforge_rosbags.map_keys import BagMap, TouchKeys, finger_of
-
-
-def read_map(path: Path) -> BagMap:
-    """A map of a user.
-
-    Raises:
-        ConfigError: The file cannot be read, or a key is unknown, missing or of another type, or
-            keys contradict each other.
-    """
-    try:
-        content = load_yaml(regular_text(path))
-    except (OSError, ValueError) as error:
-        why = " ".join(str(error).split())
-        raise ConfigError(f"data.map={path}: cannot be read ({why}); correct it") from error
-    return check_map(str(path), content)
 
 
 def map_of(topics: Mapping[str, str]) -> BagMap:

@@ -42,6 +42,7 @@ class ImageFrames(Cropped):
         paths: Paths of the files, oldest first.
         crop: Left, top, width, height in pixels; None shows everything.
         index: Headers that are known from an earlier start; None reads each.
+        white: Value of white of grey images of 16 bits; None where there are none.
 
     Attributes:
         tagged: Number of images that their EXIF orientation turns or mirrors.
@@ -63,11 +64,13 @@ class ImageFrames(Cropped):
         paths: Sequence[str | Path],
         crop: Crop | None = None,
         index: PictureIndex | None = None,
+        white: float | None = None,
     ) -> None:
-        self.paths = [str(path) for path in paths]
+        self.paths, self.white = [str(path) for path in paths], white
         if not self.paths:
             raise DataError("an image sequence without images")
-        heads = index.heads(self.paths, _head) if index else [*map(_head, self.paths)]
+        head = partial(_head, white=white)
+        heads = index.heads(self.paths, head) if index else [*map(head, self.paths)]
         sizes = [(head.height, head.width) for head in heads]
         self.tagged = sum(head.is_turned for head in heads)
         for path, size in zip(self.paths, sizes, strict=True):
@@ -86,7 +89,8 @@ class ImageFrames(Cropped):
         check_range(indices, len(self), self.paths[0])
         out = np.empty((len(indices), *self.shape, 3), np.uint8)
         for place, i in enumerate(indices):
-            frame = _image(self.paths[i], partial(rgb_pixels, where=self.paths[i]))
+            read = partial(rgb_pixels, where=self.paths[i], white=self.white)
+            frame = _image(self.paths[i], read, self.white)
             # files may be replaced between opening and reading: the array has one size
             if frame.shape[:2] != self.full_shape:
                 raise DataError(
@@ -131,18 +135,18 @@ class ArrayFrames:
         return self.array[list(indices)]
 
 
-def _head(path: str) -> ImageHeader:
+def _head(path: str, white: float | None) -> ImageHeader:
     def read(image: Image.Image) -> ImageHeader:
         return ImageHeader(*upright_size(image), orientation(image) != 1)
 
-    return _image(path, read)
+    return _image(path, read, white)
 
 
-def _image(path: str, read: Callable[[Image.Image], T]) -> T:
-    """Read an image file of 8 bits a channel, by a function of the open image."""
+def _image(path: str, read: Callable[[Image.Image], T], white: float | None) -> T:
+    """Read an image file, by a function of the open image."""
     try:
         with open_picture(path) as image:
-            check_depth(image, path)
+            check_depth(image, path, white)
             check_single(image, path)
             return read(image)
     except FileNotFoundError:

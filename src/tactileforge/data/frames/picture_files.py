@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactileforge.data.frames.pixel_contract import pixels_of
 from tactileforge.errors import DataError
 
 if TYPE_CHECKING:
@@ -33,17 +34,32 @@ _UPRIGHT: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 _PRINT = frozenset({"CMYK", "LAB"})
 
 
-def check_depth(image: Image.Image, where: str) -> None:
+def is_deep_grey(image: Image.Image) -> bool:
+    """Whether an open picture is grey, of 16 bits."""
+    # before its version 11, Pillow opened PNG of them with more bits
+    return image.mode.startswith("I;16") or (image.mode == "I" and image.format == "PNG")
+
+
+def check_depth(image: Image.Image, where: str, white: float | None = None) -> None:
     """Check a picture for at most 8 bits a channel and colours of a screen.
 
     Args:
         image: Open image; only its header is read.
         where: Name of the picture, for messages.
+        white: Value of white of grey pictures of 16 bits; None where these are not read.
 
     Raises:
         DataError: More bits, or colours of a printer.
     """
     if image.mode[0] in "IF":
+        if is_deep_grey(image) and white is not None:
+            return
+        if is_deep_grey(image):
+            raise DataError(
+                f"{where}: {image.mode} pixels, 16 bits; convert it to 8 bits a channel, or give "
+                "the layout of its folder the value of white: 1023, 4095, 16383 or 65535 (10, 12, "
+                "14 or 16 bits)"
+            )
         raise DataError(f"{where}: {image.mode} pixels; convert it to 8 bits a channel")
     if _is_deep(image):
         raise DataError(
@@ -101,12 +117,13 @@ def check_single(image: Image.Image, where: str) -> None:
         raise DataError(f"{where}: {count} pictures in one file; {fix}")
 
 
-def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
+def rgb_pixels(image: Image.Image, where: str, white: float | None = None) -> NDArray[np.uint8]:
     """Decode a picture to uint8 (H, W, 3), upright by its EXIF orientation.
 
     Args:
         image: Open image.
         where: Name of the picture, for messages.
+        white: Value of white of grey pictures of 16 bits; None where these are not read.
 
     Raises:
         DataError: An error of `check_depth` or `check_single`, or a transparent pixel, as it has
@@ -114,12 +131,12 @@ def rgb_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
         OSError: It cannot be decoded.
     """
     check_single(image, where)
-    return page_pixels(image, where)
+    return page_pixels(image, where, white)
 
 
-def page_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
+def page_pixels(image: Image.Image, where: str, white: float | None = None) -> NDArray[np.uint8]:
     """Decode the current page of a file of pictures; see `rgb_pixels`."""
-    check_depth(image, where)
+    check_depth(image, where, white)
     # before the pixels, which may be followed by a tag that no other door reads
     turned = orientation(image)
     if image.mode in _ALPHA or "transparency" in image.info:
@@ -132,6 +149,8 @@ def page_pixels(image: Image.Image, where: str) -> NDArray[np.uint8]:
                 "their own; save it without an alpha"
             )
         pixels = np.ascontiguousarray(pixels[..., :3])
+    elif white is not None and is_deep_grey(image):
+        pixels = np.repeat(pixels_of(np.asarray(image), white, where)[..., None], 3, axis=2)
     else:
         pixels = np.asarray(image.convert("RGB"))
     return np.ascontiguousarray(_UPRIGHT[turned](pixels)) if turned in _UPRIGHT else pixels

@@ -13,6 +13,8 @@ from tactileforge.errors import DataError
 
 #: Bits a channel of cameras with more than 8, in the lower bits of 16.
 _DEPTHS = (10, 12, 14, 16)
+#: Largest excess of a value over white, as a share, that is taken for rounding.
+_ROUNDING = 0.01
 
 
 def checked_pixels(array: Any, where: str, axes: int | None = None) -> NDArray[np.uint8]:
@@ -43,6 +45,51 @@ def checked_pixels(array: Any, where: str, axes: int | None = None) -> NDArray[n
             f"{where}: expected (H, W, 3), RGB, found {array.shape}{channel_fix(array.shape)}"
         )
     return array
+
+
+def is_deep(dtype: np.dtype[Any]) -> bool:
+    """Whether values are of 16 bits, in either order of bytes."""
+    return dtype.kind == "u" and dtype.itemsize == 2
+
+
+def white_of(most: float) -> int:
+    """White of a camera with a usual number of bits, by the largest value of some frames.
+
+    Args:
+        most: Largest value, 65535 or less.
+
+    Example:
+        >>> white_of(900), white_of(3987), white_of(65535)
+        (1023, 4095, 65535)
+    """
+    return next((1 << bits) - 1 for bits in _DEPTHS if most < 1 << bits)
+
+
+def pixels_of(values: NDArray[Any], white: float | None, where: str) -> NDArray[np.uint8]:
+    """Pixels of fractions, or of 16 bits.
+
+    Args:
+        values: Pictures; uint8 stays as it is.
+        white: Value of white; None leaves all as it is.
+        where: Name of the pictures, for messages.
+
+    Raises:
+        DataError: A value is not finite, or not between 0 and white.
+
+    Example:
+        >>> pixels_of(np.array([0, 2048, 4095], np.uint16), 4095, "0.png").tolist()
+        [0, 128, 255]
+    """
+    if values.dtype == np.uint8 or white is None:
+        return values
+    low, high = float(np.min(values)), float(np.max(values))  # NaN where there is one
+    if not -_ROUNDING * white <= low <= high <= (1 + _ROUNDING) * white:
+        raise DataError(
+            f"{where}: values from {low:.4g} to {high:.4g}, where 0 to {white:g} is expected; "
+            "correct `white`, or the file"
+        )
+    pixels: NDArray[np.uint8] = np.rint(values * (255 / white)).clip(0, 255).astype(np.uint8)
+    return pixels
 
 
 def checked_chunks(

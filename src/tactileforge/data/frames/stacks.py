@@ -11,8 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.frames.crop import Crop, Cropped, check_range, size_text
-from tactileforge.data.frames.picture_files import check_depth, page_pixels, pages, upright_size
-from tactileforge.data.frames.pixel_contract import channel_fix, value_fix
+from tactileforge.data.frames.picture_files import (
+    check_depth,
+    is_deep_grey,
+    page_pixels,
+    pages,
+    upright_size,
+)
+from tactileforge.data.frames.pixel_contract import channel_fix, is_deep, pixels_of, value_fix
 from tactileforge.data.frames.video import VideoFrames
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.util.regular import check_regular
@@ -35,6 +41,7 @@ class StackFrames(Cropped):
     Args:
         path: Path of the file.
         crop: Left, top, width, height in pixels; None shows everything.
+        white: Value of white of grey pages, or of arrays, of 16 bits; None where there are none.
 
     Raises:
         DataNotFoundError: There is no such file.
@@ -48,15 +55,17 @@ class StackFrames(Cropped):
         (20, (1, 48, 64, 3))
     """
 
-    def __init__(self, path: str | Path, crop: Crop | None = None) -> None:
-        self.path = str(path)
+    def __init__(
+        self, path: str | Path, crop: Crop | None = None, white: float | None = None
+    ) -> None:
+        self.path, self.white = str(path), white
         if Path(path).suffix.lower() in _TIFF:
             with _opened(self.path) as image:
                 self._pages: Sequence[int] = pages(image)
                 sizes = []
                 for page in self._pages:
                     image.seek(page)
-                    check_depth(image, f"{self.path}, page {page}")
+                    check_depth(image, f"{self.path}, page {page}", white)
                     sizes.append(upright_size(image))
             if odd := [page for page, size in enumerate(sizes) if size != sizes[0]]:
                 raise DataError(
@@ -80,7 +89,7 @@ class StackFrames(Cropped):
         if Path(self.path).suffix.lower() not in _TIFF:
             array = self._array()
             for place, i in enumerate(indices):
-                frame = array[i]
+                frame = pixels_of(array[i], self.white, self.path)
                 out[place] = self._show(frame if frame.ndim == 3 else frame[..., None])
             return out
         with _opened(self.path) as image:
@@ -88,7 +97,7 @@ class StackFrames(Cropped):
             for place in np.argsort(indices, kind="stable"):
                 page = self._pages[int(indices[place])]
                 image.seek(page)
-                frame = page_pixels(image, f"{self.path}, page {page}")
+                frame = page_pixels(image, f"{self.path}, page {page}", self.white)
                 if frame.shape[:2] != self.full_shape:
                     raise DataError(f"{self.path}: has changed since it was opened; start again")
                 out[place] = self._show(frame)
@@ -97,8 +106,9 @@ class StackFrames(Cropped):
     def _array(self) -> NDArray[np.uint8]:
         """The array, mapped into memory."""
         array = load_array(self.path)
-        if array.dtype != np.uint8:
-            raise DataError(f"{self.path}: {array.dtype} values{value_fix(array[:1])}")
+        if array.dtype != np.uint8 and not (self.white and is_deep(array.dtype)):
+            fix = ", or give its layout the value of white" if is_deep(array.dtype) else ""
+            raise DataError(f"{self.path}: {array.dtype} values{value_fix(array[:1])}{fix}")
         colours = array.ndim == 4 and array.shape[-1] in (1, 3)
         if not (colours or array.ndim == 3) or 0 in array.shape:
             raise DataError(
@@ -139,6 +149,18 @@ def load_array(path: str | Path) -> NDArray[Any]:
     return array
 
 
+def deepest(path: Path) -> int:
+    """Largest value of the first picture of a file of 16 bits; 0 for other files."""
+    try:
+        if path.suffix.lower() == ".npy":
+            array = load_array(path)
+            return int(array[:1].max()) if is_deep(array.dtype) and array.size else 0
+        with _opened(str(path)) as image:
+            return int(np.asarray(image).max()) if is_deep_grey(image) else 0
+    except DataError:
+        return 0  # named when it is read
+
+
 def is_stack(path: Path) -> bool:
     """Whether a file is a stack: a TIFF of several pictures, or an array of NumPy."""
     if path.suffix.lower() == ".npy":
@@ -152,19 +174,24 @@ def is_stack(path: Path) -> bool:
         return False  # named when it is read
 
 
-def open_film(path: str | Path, stream: int = 0) -> VideoFrames | StackFrames:
+def open_film(
+    path: str | Path, stream: int = 0, white: float | None = None
+) -> VideoFrames | StackFrames:
     """Open a video, or a stack by its ending.
 
     Args:
         path: The file.
         stream: Number of the stream of a video.
+        white: Value of white of stacks of 16 bits; None where there are none.
 
     Raises:
         DataNotFoundError: There is no such file.
         DataError: It cannot be read; see `VideoFrames` and `StackFrames`.
     """
     is_stack = Path(path).suffix.lower() in STACK_SUFFIXES
-    return StackFrames(path) if is_stack else VideoFrames(path, stream=stream)
+    if is_stack:
+        return StackFrames(path, white=white)
+    return VideoFrames(path, stream=stream)
 
 
 @contextmanager

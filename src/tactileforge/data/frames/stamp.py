@@ -23,10 +23,13 @@ def stamp_of(frames: Frames | None) -> Any:
             return [[int(row) for row in frames.rows], stamp_of(frames.base)]
         case VideoFrames() if frames.stream:
             return [_changed(frames.path), list(frames.box), frames.stream]
-        case VideoFrames() | StackFrames():
+        case VideoFrames():
             return [_changed(frames.path), list(frames.box)]
+        case StackFrames():
+            return [_changed(frames.path), list(frames.box), *_white(frames)]
         case ImageFrames():
-            return [[_changed(path) for path in frames.paths], list(frames.box)]
+            changed = [_changed(path) for path in frames.paths]
+            return [changed, list(frames.box), *_white(frames)]
         case TurnedFrames():
             stamp = [stamp_of(frames.base), frames.bgr, frames.turns]
             # shards that were packed before there was a mirror keep their stamp
@@ -34,6 +37,11 @@ def stamp_of(frames: Frames | None) -> Any:
         case PackedFrames():
             return frames.crcs.tolist()
     return None
+
+
+def _white(frames: StackFrames | ImageFrames) -> list[float]:
+    """White of pictures of 16 bits; [] for others, whose stamps stay as they were."""
+    return [frames.white] if frames.white else []
 
 
 def _changed(path: str) -> tuple[str, int, int]:
