@@ -57,6 +57,8 @@ def test_a_fixed_view_comes_before_that_of_the_wrist() -> None:
         (("trial_0", "trial_0_overlay"), ["trial_0_overlay"]),
         (("gelsight_frame/0", "video_frame/0"), ["video_frame/0"]),
         (("gelsight/0", "d435i/0"), ["d435i/0"]),
+        (("mug/0", "rs_d435/0"), ["rs_d435/0"]),
+        (("ab/1f455e", "ab/0d455a"), []),  # names without words
         (("data/mug/0", "plots/0", "results/x"), ["plots/0", "results/x"]),
         # objects, and the only pictures there are
         (("mug/0", "target/0", "mask/0"), []),

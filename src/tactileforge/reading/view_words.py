@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -236,7 +236,10 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     for path in paths:
         name = path.relative_to(root).with_suffix("").as_posix()
         kinds.setdefault(re.sub(r"\d+(?![a-z\d])", "", name), []).append(path)
-    words = {kind: {*words_of(kind), *_joined(kind)} for kind in kinds}
+    words = {
+        kind: {*words_of(kind), *_joined(own[0].relative_to(root).with_suffix("").as_posix())}
+        for kind, own in kinds.items()
+    }
     same = set.intersection(*words.values()) if words else set()
     own = {kind: said - same for kind, said in words.items()}
     touch = {kind for kind, said in own.items() if says_touch([*said])}
@@ -245,7 +248,7 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     if touch and len(touch) + len(beside) == len(own):
         out = beside
     out |= {kind for kind in own.keys() - out if _is_aside(kind, own[kind])}
-    out |= {kind for kind in own.keys() - out if _is_computed(kind, own)}
+    out |= _computed(own)
     return [path for kind in kinds if kind in out for path in kinds[kind]] if out != {*own} else []
 
 
@@ -255,30 +258,38 @@ def _is_aside(kind: str, said: Collection[str]) -> bool:
     return any(words and {*words} <= _ASIDE & {*said} for words in folders)
 
 
-def _is_computed(kind: str, kinds: Collection[str]) -> bool:
-    """Whether a name says a computed picture where that of another kind says a captured one.
+def _computed(kinds: Mapping[str, Collection[str]]) -> set[str]:
+    """Names that say a computed picture where that of another kind says a captured one.
 
     ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``, and ``masks`` beside ``images``.
     """
+    words = _COMPUTED | _WANTED
+    candidates = [kind for kind, said in kinds.items() if not words.isdisjoint(said)]
+    # what is said in place of each part of a name, where the other parts are the same
+    beside: dict[tuple[int, tuple[str, ...]], set[tuple[frozenset[str], bool]]] = {}
+    for kind in kinds if candidates else ():
+        for place, others, said in _parts(kind):
+            beside.setdefault((place, others), set()).add((said - _CAPTURED, bool(said)))
+    found = set()
+    for kind in candidates:
+        for place, others, said in _parts(kind):
+            rest = said - words
+            # of names without other words, a folder of numbers may be of anything
+            plain = {(rest, True), (rest, False)} if place == len(others) else {(rest, True)}
+            if rest != said and plain & beside[place, others]:
+                found.add(kind)
+    return found
+
+
+def _parts(kind: str) -> Iterator[tuple[int, tuple[str, ...], frozenset[str]]]:
+    """Place of each part of a path, the other parts, and its words."""
     parts = kind.split("/")
     for place, part in enumerate(parts):
-        said = {*words_of(part)}
-        rest = said - _COMPUTED - _WANTED
-        if rest == said:
-            continue
-        for other in kinds:
-            named = other.split("/")
-            same = len(named) == len(parts) and all(
-                a == b for i, (a, b) in enumerate(zip(named, parts, strict=True)) if i != place
-            )
-            beside = {*words_of(named[place])} if same else set()
-            # of names without other words, a folder of numbers may be of anything
-            is_plain = bool(rest or beside or place == len(parts) - 1)
-            if same and is_plain and beside - _CAPTURED == rest:
-                return True
-    return False
+        yield place, (*parts[:place], *parts[place + 1 :]), frozenset(words_of(part))
 
 
 def _joined(name: str) -> set[str]:
-    """Neighboring words and numbers of a name as one word: ``third_person``, ``d435``."""
-    return {first + second for first, second in pairwise(words_of(name))}
+    """Whole parts of a name, and two words side by side as one: ``d435``, ``third_person``."""
+    apart = apart_by_capitals(name).lower()
+    pairs = pairwise(re.findall(r"[a-z]+", apart))
+    return {*re.split(r"[^a-z0-9]+", apart), *(first + second for first, second in pairs)}
