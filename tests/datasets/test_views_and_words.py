@@ -91,7 +91,7 @@ def test_images_of_touch_beside_a_film_of_the_scene(tmp_path: Path) -> None:
     [
         (["cup", "gel_bottle", "camera"], []),  # objects
         (["left", "right"], []),
-        (["rgb", "depth"], []),  # none is called touch
+        (["rgb", "depth"], ["depth"]),
         (["left", "webcam"], ["webcam"]),
         (["webcam"], []),
         (["digit", "color"], ["color"]),

@@ -8,6 +8,7 @@ from tactileforge.reading import force_of_touch, scene_among, touch_among, touch
 from tactileforge.reading.series import series_of
 from tactileforge.reading.sides import SIDE_NAMES, SIDE_WORDS, SIDES
 from tactileforge.reading.trials import trial_of
+from tactileforge.reading.view_words import scenes
 
 
 @pytest.mark.parametrize("side", sorted(SIDES))
@@ -43,3 +44,32 @@ def test_a_fixed_view_comes_before_that_of_the_wrist() -> None:
     assert scene_among(["a_wrist", "front", "tactile"]) == "front"
     assert scene_among(["a_wrist", "tactile"]) == "a_wrist"
     assert scene_among(["tactile"]) == ""
+
+
+@pytest.mark.parametrize(
+    ("names", "left_out"),
+    [
+        (("images/0", "masks/0"), ["masks/0"]),
+        (("train/input/0", "train/target/0"), ["train/target/0"]),
+        (("a/0_rgb", "a/0_depth", "a/0_mask"), ["a/0_depth", "a/0_mask"]),
+        (("a/rgb_0", "a/depth_0"), ["a/depth_0"]),
+        (("digit0_color/0", "digit0_depth/0"), ["digit0_depth/0"]),
+        (("trial_0", "trial_0_overlay"), ["trial_0_overlay"]),
+        (("gelsight_frame/0", "video_frame/0"), ["video_frame/0"]),
+        (("gelsight/0", "d435i/0"), ["d435i/0"]),
+        (("mug/0", "rs_d435/0"), ["rs_d435/0"]),
+        (("ab/1f455e", "ab/0d455a"), []),  # names without words
+        (("data/mug/0", "plots/0", "results/x"), ["plots/0", "results/x"]),
+        # objects, and the only pictures there are
+        (("mug/0", "target/0", "mask/0"), []),
+        (("1/0", "mask/0"), []),
+        (("basement/0", "flat_screw/0", "figure/0"), []),
+        (("results/a/0", "results/b/0"), []),
+        (("video/0",), []),
+        (("depth/0",), []),
+        (("mug/vis/0", "mug/video/0"), []),
+    ],
+)
+def test_pictures_of_something_else(names: tuple[str, ...], left_out: list[str]) -> None:
+    found = scenes([Path(f"{name}.png") for name in names], Path())
+    assert [path.with_suffix("").as_posix() for path in found] == left_out

@@ -257,6 +257,17 @@ def test_guesses(tmp_path: Path) -> None:
     assert (layout["force"], layout["camera"]) == ({"values": "force.npy"}, "cam.jpg")
 
 
+def test_a_folder_of_a_take_in_a_tar_is_a_clip_and_its_table_is_named(tmp_path: Path) -> None:
+    frames = [(f"trial_0/{i:04d}", {"png": picture(i)}) for i in range(5)]
+    write_tar(tmp_path / "trial_0.tar", [("trial_0/forces", {"csv": b"t,fz\n0,1\n"}), *frames])
+    guess = WebDataset.recognise(tmp_path)
+    assert guess is not None
+    assert guess.options["layout"]["samples"] == "{clip}/{frame}"
+    assert any("trial_0/forces.csv) is not read; unpack the tars" in line for line in guess.doubts)
+    (one,) = WebDataset(**{**guess.options, "val": 0}).recordings("train")
+    assert len(one.frames) == 5
+
+
 def test_what_is_not_guessed(tmp_path: Path) -> None:
     write_tar(tmp_path / "a/x.tar", [("a", {"pth": b"1"})])
     write_tar(tmp_path / "b/x.tar", [])

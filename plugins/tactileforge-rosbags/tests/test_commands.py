@@ -35,6 +35,7 @@ def test_touch_is_guessed_by_names_of_topics(tmp_path):
     topics = {one["topic"]: one["sensor"] for one in guess.options["map"]["touch"]}
     assert topics == dict(zip(sorted(names[:3]), ("digit", "digit", "gelsight"), strict=True))
     assert "camera: /camera/color is the view of the scene" in guess.doubts
+    assert any(line.startswith("background: none is known") for line in guess.doubts)
     # pictures of the rig are taller than wide
     assert any(
         line.startswith("/finger/tactile: sensor: no name tells the type; digit only by the shape")

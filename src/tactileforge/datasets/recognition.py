@@ -11,7 +11,7 @@ from tactileforge.contracts import Guess
 from tactileforge.errors import DataError, DataNotFoundError, PluginError
 from tactileforge.plugins import registry
 from tactileforge.reading import matches
-from tactileforge.reading.records import conversion
+from tactileforge.reading.records import conversion, stack_fault
 from tactileforge.util.pointers import check_pointer
 
 #: Largest number of files of an unknown folder that are looked at: pointers of Git LFS, and files
@@ -54,18 +54,25 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
     if not found and unclear:
         raise DataNotFoundError("; ".join(unclear))
     if not found:
-        files = matches(path, "**/*")[:_LOOKED] if path.is_dir() else [path]
+        files = sorted(matches(path, "**/*"))[:_LOOKED] if path.is_dir() else [path]
         for file in files:
             check_pointer(file)
-        told = [f"{one} is {how}" for one in files if (how := conversion(one) or _film(one))]
+        told = [line for one in files if (line := _about(one))]
         if told:
-            raise DataNotFoundError(f"{path}: no installed data set recognises it; {told[0]}")
+            more = f" (and {len(told) - 1} more files)" if len(told) > 1 else ""
+            raise DataNotFoundError(f"{path}: no installed data set recognises it; {told[0]}{more}")
         raise DataNotFoundError(
             f"{path}: no installed data set recognises it, and it has no videos or images; "
             "tactileforge plugins list shows what is installed, docs/datasets.md what can be"
         )
     # of equal scores, the first by name
     return tuple(sorted(found, key=lambda one: -one[1].score))
+
+
+def _about(path: Path) -> str:
+    """Kind of an unread file, and a way to convert it; "" for a file of no such kind."""
+    how = conversion(path) or _film(path)
+    return f"{path} is {how}" if how else stack_fault(path)
 
 
 def _film(path: Path) -> str:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 
-from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
-from tactileforge.reading.guessed_media import BACKGROUND, Part, of_endings, open_media
+from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, open_media, stills_among
 from tactileforge.reading.order import name_keys
 from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.table_families import is_for_all, templates
@@ -30,12 +29,16 @@ def guess_background(part: Part) -> dict[str, Any]:
     Args:
         part: The files, with the keys of them and of their times; gets the lines to be checked.
     """
-    pictures = of_endings(part.files, IMAGE_SUFFIXES)
-    stills = [path for path in pictures if BACKGROUND.search(path.stem.lower())]
+    stills = sorted(stills_among(part.files, part.root) - {*part.media})
     if part.folder:
         stills = [path for path in stills if _is_of(path.relative_to(part.root), part.folder)]
     if stills and (name := _still(part, stills)):
-        return {"background": {"file": name}}
+        is_film = PurePath(name).suffix.lower() in VIDEOS
+        if is_film or not all(BACKGROUND.search(path.stem.lower()) for path in stills):
+            part.doubts.append(
+                f"background: {name}, by its name; nothing of such a name is taken for touch"
+            )
+        return {"background": {"file": name, **({"first": 1} if is_film else {})}}
     if stills:
         name = stills[0].relative_to(part.root).as_posix()
         part.doubts.append(

@@ -12,7 +12,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.reading.guessed_frames import guess_frames
 from tactileforge.reading.guessed_labels import left_out
-from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, of_endings, stacks
+from tactileforge.reading.guessed_media import VIDEOS, Part, of_endings, stacks, stills_among
 from tactileforge.reading.guessed_part import NOTES, TABLES, add_camera, guess_part
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, sheets
@@ -23,6 +23,11 @@ from tactileforge.reading.view_words import scenes
 
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
+#: Names of texts about a data set.
+_ABOUT = re.compile(
+    "readme|licen[cs]e|copying|copyright|requirements|changelog|citation|authors|notes?$|todo|"
+    "cmakelists|version"
+)
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
 
@@ -40,13 +45,15 @@ def guess_layout(root: Path) -> Guess | None:
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
     kinds = [of_endings(files, VIDEOS), stacks(files), of_endings(files, IMAGE_SUFFIXES)]
-    shown = [path for kind in kinds for path in kind if not _is_background(path)]
+    stills = stills_among(files, root)
+    shown = [path for kind in kinds for path in kind if path not in stills]
     views = scenes(list(dict.fromkeys(shown)), root)
     hidden = {*views}
-    media = next((own for kind in kinds if (own := [one for one in kind if one not in hidden])), [])
+    owns = [[one for one in kind if one not in hidden] for kind in kinds]
+    media = next((own for own in owns if not stills.issuperset(own)), [])
     if not media:
         return None
-    parts = _parts(root, media, files)
+    parts = _parts(root, media, files, stills)
     for part in parts:
         guess_part(part)
         if views:
@@ -63,24 +70,23 @@ def guess_layout(root: Path) -> Guess | None:
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
 
 
-def _is_background(path: Path) -> bool:
-    return BACKGROUND.search(path.stem.lower()) is not None
-
-
 def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> list[Path]:
     """Tables and files of labels that nothing reads, and no line names."""
-    endings = (TABLES - NOTES - {".yaml", ".yml"}) | sheets()
+    endings = (TABLES - {".yaml", ".yml"}) | sheets()
     return [
         path
         for path in files
         if path not in seen and (path.suffix.lower() in endings or conversion(path))
+        if not (path.suffix.lower() in NOTES and _ABOUT.match(path.stem.lower()))
         if not any(path.name in line for line in doubts)
     ]
 
 
-def _parts(root: Path, media: Sequence[Path], files: Sequence[Path]) -> list[Part]:
+def _parts(
+    root: Path, media: Sequence[Path], files: Sequence[Path], stills: set[Path]
+) -> list[Part]:
     """Files of each layout: of a sensor, a split, a background or a side; or all of them."""
-    touches = [path for path in media if not _is_background(path)] or media
+    touches = [path for path in media if path not in stills]
     folders = _by_sensors(root, touches)
     if [*folders] == [""]:
         folders = _by_backgrounds(root, touches, media, files) or folders

@@ -10,6 +10,7 @@ from typing import Any
 
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.lazy import ImageFrames
+from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.data.frames.stacks import is_stack, open_film
 from tactileforge.data.frames.video import VIDEO_SUFFIXES
 from tactileforge.errors import TactileForgeError
@@ -24,7 +25,15 @@ from tactileforge.reading.view_words import DERIVED, says_touch, words_of
 VIDEOS = VIDEO_SUFFIXES - {".gif", ".ts"}
 #: Frames per second where nothing tells them: the usual rate of the cameras in such sensors.
 ASSUMED_FPS = 30
-BACKGROUND = re.compile(r"background|reference|no_?contact|blank|(?<![a-z])(?:ref|bg)(?![a-z])")
+BACKGROUND = re.compile(
+    r"background|reference|hintergrund|(?:no|non|without)[-_ ]?(?:contact|touch)|undeformed|"
+    r"unpressed|untouched|(?<![a-z])(?:ref|bg|blank)(?![a-z])"
+)
+#: Whole names of pictures without contact that may be those of an object or a take as well.
+_STILL = re.compile(
+    r"(?:base|baseline|empty|flat|init|initial|rest|undisturbed|zero)"
+    r"(?:[-_ ]?(?:frame|image|img|picture))?[-_ ]?\d*"
+)
 #: White of 16 bits.
 DEEPEST = 65535
 #: Largest number of arrays whose headers are read.
@@ -122,6 +131,47 @@ def stacks(files: Sequence[Path]) -> list[Path]:
         if names.get(path.name):
             found.append(path)
     return found
+
+
+def names_still(stem: str) -> bool:
+    """Whether the name of a picture or film may be that of one without contact.
+
+    Example:
+        >>> names_still("no_touch_1"), names_still("init_frame"), names_still("flat_screw")
+        (True, True, False)
+    """
+    return bool(BACKGROUND.search(stem.lower()) or _STILL.fullmatch(stem.lower()))
+
+
+def stills_among(files: Sequence[Path], root: Path) -> set[Path]:
+    """Pictures and films without contact, by their names or that of their folder.
+
+    A name that may be an object's too, such as ``flat``, is one of these only where the other
+    pictures of its folder differ by numbers, or where it has pictures of no other name beside it.
+
+    Args:
+        files: Files below ``root``.
+        root: Folder of them.
+    """
+    media = [path for path in files if path.suffix.lower() in VIDEOS | IMAGE_SUFFIXES]
+    found, beside = set(), dict[Path, set[str]]()
+    for path in media:
+        folders = path.relative_to(root).parts[:-1]
+        if BACKGROUND.search(path.stem.lower()) or any(map(_is_still_folder, folders)):
+            found.add(path)
+        elif not _STILL.fullmatch(path.stem.lower()):
+            beside.setdefault(path.parent, set()).add(re.sub(r"\d+", "", path.stem.lower()))
+    above = {folder for own in beside for folder in own.parents}
+    for path in media:
+        names = beside.get(path.parent, set())
+        alone = not names and path.parent in above
+        if _STILL.fullmatch(path.stem.lower()) and (len(names) == 1 or alone):
+            found.add(path)
+    return found if len(found) < len(media) else set()
+
+
+def _is_still_folder(name: str) -> bool:
+    return BACKGROUND.fullmatch(re.sub(r"[-_ ]?\d*s?$", "", name.lower())) is not None
 
 
 def of_endings(files: Sequence[Path], endings: frozenset[str] | set[str]) -> list[Path]:

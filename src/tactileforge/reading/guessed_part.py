@@ -17,17 +17,19 @@ from tactileforge.reading.guessed_labels import (
     guess_shared,
     unread_words,
 )
-from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, of_endings, open_media
+from tactileforge.reading.guessed_media import VIDEOS, Part, names_still, of_endings, open_media
 from tactileforge.reading.guessed_patterns import pattern_of
 from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times, guess_tracks
 from tactileforge.reading.records import RECORDS, sheets
 from tactileforge.reading.sensor_names import guess_sensor, named_sensor
+from tactileforge.reading.series import names_of
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import Family, Units, families, is_for_all, templates
 from tactileforge.reading.tiles import Box
 from tactileforge.reading.trial_rows import RECORDING_WORDS
-from tactileforge.reading.view_words import DERIVED, words_of
+from tactileforge.reading.trials import TRIAL, VERSIONS
+from tactileforge.reading.view_words import NO_VIEW, says_touch, words_of
 
 #: Endings of tables that may be notes as well, and of all that are read.
 NOTES = frozenset({".txt", ".dat"})
@@ -36,6 +38,8 @@ TABLES = frozenset({".csv", ".tsv"}) | NOTES | RECORDS
 _OBJECT_FOLDER = re.compile(
     rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
 )
+#: Folder of a value with its unit.
+_VALUE = re.compile(r"[-+]?\d+(?:[.,]\d+)?[-_ ]?(?:[mk]?n|newtons?|k?gf?|lbf?|[mcu]?m|deg)", re.I)
 #: Most files that are opened for the shape of a picture: the first ones may be damaged.
 _OPENED = 5
 
@@ -83,6 +87,12 @@ def guess_part(part: Part) -> None:
             unread_words(family, layout, doubts)
     if "object" not in layout:
         layout |= _object(part)
+    folders = {word.lower() for path in part.media for word in path.relative_to(part.root).parts}
+    if len(versions := sorted(VERSIONS & folders)) > 1:
+        doubts.append(
+            f"{next(iter(layout))}: {' and '.join(versions)} may be the same recordings, and each "
+            "is read; give the pattern of one"
+        )
     if split := SPLIT_OF_FOLDER.get(part.folder.lower()):
         layout["hold_out"] = "all" if split == "val" else "none"
     used += [*of_force, *of_labels, *of_tracks, *apart]
@@ -134,7 +144,7 @@ def _background(part: Part) -> dict[str, Any]:
     found = guess_background(part)
     still = found["background"]
     name = still.get("file", "") if isinstance(still, Mapping) else ""
-    if "images" in part.layout and not BACKGROUND.search(PurePath(name).stem.lower()):
+    if "images" in part.layout and not names_still(PurePath(name).stem):
         # a picture that is named so, and is none, is no touch either
         part.layout["images"] = pattern_of(part, is_listed=True)
     return found
@@ -165,25 +175,41 @@ def add_camera(part: Part, views: Sequence[Path]) -> None:
         part: The files, with their layout.
         views: Pictures and films of a scene.
     """
-    are_stills = part.layout.get("each") == "touch"
-    # of a film in images, their pattern
-    places = [
-        path if are_stills or path.suffix.lower() in VIDEOS else path.parent / f"*{path.suffix}"
-        for path in views
-    ]
+    common = {*words_of(part.media[0].relative_to(part.root).as_posix())}
+    said = {path: {*words_of(path.relative_to(part.root).as_posix())} - common for path in views}
+    shown = _places(part, [path for path in views if NO_VIEW.isdisjoint(said[path])])
+    other = _places(part, [path for path in views if not NO_VIEW.isdisjoint(said[path])])
     units = part.units
-    found = templates(list(dict.fromkeys(places)), units)
-    shown = [one for one in found if DERIVED.isdisjoint(words_of(one.template))]
-    whole = [one for one in shown if one.is_own and is_for_all(one, units)]
-    rest = sorted(one.template for one in found if one not in whole[:1])
+    found = templates(shown, units)
+    whole = [one for one in found if one.is_own and is_for_all(one, units)]
+    rest = sorted(
+        one.template for one in [*found, *templates(other, units)] if one not in whole[:1]
+    )
     if whole:
         part.layout["camera"] = whole[0].template
         part.doubts.append(f"camera: {whole[0].template} is the view of the scene")
     if rest:
         part.doubts.append(
             f"touch: {', '.join(rest[:3])}{' and others' if len(rest) > 3 else ''} left out: by "
-            "name a view of the scene, or computed from others"
+            "name a view of the scene, computed from others, or beside the recordings"
         )
+
+
+def _places(part: Part, views: Sequence[Path]) -> list[Path]:
+    """Paths of views, those of a film in images by their pattern."""
+    if part.layout.get("each") == "touch":
+        return list(views)
+    touches = {path.parent for path in part.media}
+    folders: dict[tuple[Path, str], list[Path]] = {}
+    for path in views:
+        folders.setdefault((path.parent, path.suffix), []).append(path)
+    found = []
+    for (folder, ending), paths in folders.items():
+        if ending.lower() in VIDEOS:
+            found += paths
+        else:
+            found.append(folder / (names_of(paths) if folder in touches else f"*{ending}"))
+    return found
 
 
 def _object(part: Part) -> dict[str, Any]:
@@ -193,26 +219,46 @@ def _object(part: Part) -> dict[str, Any]:
         return _object_of_takes(part.units, part.doubts)
     if len(above) < 2:
         return {}
+    if all(_VALUE.fullmatch(path.name) for path in above):
+        part.doubts.append(
+            f"object: folders are named by a value ({min(above).name}), not by objects; write it "
+            "into a table with a row of each image: labels: {file: labels.csv, key: file}"
+        )
+        return {}
     is_sensor = bool(part.folder) and all(path.name == part.folder for path in above)
+    if not is_sensor and all(says_touch(words_of(path.name)) for path in above):
+        return {}
     part.doubts.append(f"object: named by the folder of {'a sensor' if is_sensor else 'an image'}")
     return {"object": "{parent}" if is_sensor else "{folder}"}
 
 
 def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
-    """Key of the object, by folders with words for names and several recordings in each."""
+    """Key of the object, by folders with words for names and several recordings in each.
+
+    A folder above those of numbered trials is the object's with one trial as well.
+    """
+    parents = [parts for parts in units.files if len(parts) > 1]
+    is_trial = bool(parents) and all(
+        len(parts) > 2 and TRIAL.fullmatch(parts[-2]) for parts in units.files
+    )
     of_folder: dict[str, set[str]] = {}
-    for parts in (parts for parts in units.files if len(parts) > 1):
+    for parts in parents:
         # both sides of a trial are one recording of it
         name = PurePath(parts[-1]).stem.lower()
-        of_folder.setdefault(parts[-2], set()).add("" if name in SIDE_NAMES else name)
-    others = SIDE_NAMES | SPLIT_OF_FOLDER.keys()
+        of_folder.setdefault(parts[-3 if is_trial else -2], set()).add(
+            "" if name in SIDE_NAMES else name
+        )
+    others = SIDE_NAMES | SPLIT_OF_FOLDER.keys() | VERSIONS
     if (
         len({*map(len, units.files)}) > 1
         or len({re.sub(r"\d+", "", name) for name in of_folder}) < 2
-        or min(map(len, of_folder.values())) < 2
+        or (min(map(len, of_folder.values())) < 2 and not is_trial)
         or not all(_OBJECT_FOLDER.fullmatch(name) for name in of_folder)
         or any(name.lower() in others or named_sensor(name) for name in of_folder)
     ):
         return {}
+    if is_trial:
+        doubts.append("object: named by the folder above that of a trial")
+        return {"object": "{parent}"}
     doubts.append("object: named by the folder of several recordings")
     return {"object": "{folder}"}

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path, PurePath
 
-from tactileforge.reading.guessed_media import BACKGROUND, Part, of_endings
+from tactileforge.reading.guessed_media import Part, names_still, of_endings
 from tactileforge.reading.series import common_start
 
 #: Largest number of folders that a pattern names.
 _MOST_NAMED = 8
+#: Name with a number before its ending.
+_COUNTED = re.compile(r"[0-9]\.[^.]*$")
 
 
 def pattern_of(part: Part, is_listed: bool = False) -> str | list[str]:
@@ -51,8 +54,12 @@ def _named(part: Part, above: str, endings: Sequence[str]) -> list[str]:
     if not above.endswith("*/") or above.endswith("**/"):
         return [above]
     named = {path.parent.name for path in part.media}
-    unlike = {path.parent.name for path in of_endings(part.files, {*endings})} - named
-    if not unlike or len(named) > _MOST_NAMED:
+    folders = {path.parent.relative_to(part.root) for path in of_endings(part.files, {*endings})}
+    depth = above.count("/")
+    unlike = {
+        folder.name for folder in folders if len(folder.parts) == depth and folder.match(above)
+    } - named
+    if not unlike or (len(named) > _MOST_NAMED and not any(map(names_still, unlike))):
         return [above]
     return [f"{above.removesuffix('*/')}{name}/" for name in sorted(named)]
 
@@ -74,7 +81,7 @@ def _names(part: Part, endings: Sequence[str], is_listed: bool) -> list[str]:
         if path.parent in folders and path not in own
     ]
     # a background that is used is not a touch, whatever the pattern is
-    is_listed |= any(not BACKGROUND.search(path.stem.lower()) for path in strangers)
+    is_listed |= any(not names_still(path.stem) for path in strangers)
     found: list[str] = []
     for ending in endings:
         names = [path.name for path in part.media if path.suffix.lower() == ending]
@@ -94,4 +101,6 @@ def _apart(names: Sequence[str], others: set[str], is_listed: bool) -> list[str]
         return [f"{start}*{ending}"]
     if len({*names}) > 1 and len(stem) > len(ending) and not any(x.endswith(stem) for x in others):
         return [f"*{stem}"]
+    if all(_COUNTED.search(name) for name in names) and not any(map(_COUNTED.search, others)):
+        return [f"*[0-9]{ending}"]
     return sorted({*names}) if is_listed else []

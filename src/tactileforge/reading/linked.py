@@ -70,7 +70,7 @@ def matches(
             for path in root.glob("/".join(parts[:place])) if "*" in part else ():
                 if path.is_symlink() and not path.exists():
                     left_out(path)
-        return list(root.glob(pattern))
+        return _once(list(root.glob(pattern)), root, left_out)
     place = parts.index("**")
     above, below = "/".join(parts[:place]), "/".join(parts[place + 1 :])
     hidden = any(part.startswith(".") for part in parts if part not in (".", ".."))
@@ -79,3 +79,22 @@ def matches(
         for folder in folders_below(start, left_out, hidden) if start.is_dir() else ():
             found |= dict.fromkeys(matches(folder, below, left_out) if below else [folder])
     return list(found)
+
+
+def _once(paths: list[Path], root: Path, left_out: Callable[[Path], object]) -> list[Path]:
+    """Paths without those in a link to a folder of others."""
+    places = dict.fromkeys(path.parent for path in paths)
+    if len(places) < 2:
+        return paths
+    folders: dict[str, list[Path]] = {}
+    for place in places:
+        folders.setdefault(os.path.realpath(place), []).append(place)
+    above = os.path.realpath(root)
+    again: set[Path] = set()
+    for where, names in folders.items():
+        # the folder itself before links to it
+        first = min(names, key=lambda one: os.path.join(above, one.relative_to(root)) != where)
+        again |= {*names} - {first}
+    for place in again:
+        left_out(place)
+    return [path for path in paths if path.parent not in again]

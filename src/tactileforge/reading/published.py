@@ -69,6 +69,7 @@ class PublishedDataset(Drawn, ABC):
         provides: Labels of its recordings.
         marks: Glob patterns below the root by which a download is recognised; any of them is
             enough, and () recognises nothing.
+        beside: Glob patterns of which one has to be there too; () where the marks are enough.
         certainty: Score of such a guess: .5 for names that other data may have, 1 for its own.
         doubts: What a user of it has to check, one line each.
         skipped: One line for each unreadable recording.
@@ -88,6 +89,7 @@ class PublishedDataset(Drawn, ABC):
     splits: tuple[OfficialSplit, ...] = (ALL_FOR_TRAINING,)
     provides: frozenset[str] = frozenset()
     marks: ClassVar[tuple[str, ...]] = ()
+    beside: ClassVar[tuple[str, ...]] = ()
     certainty: ClassVar[float] = 0.5
     doubts: ClassVar[tuple[str, ...]] = ()
 
@@ -220,8 +222,9 @@ class PublishedDataset(Drawn, ABC):
         Returns:
             The options of the reader; None for a folder of something else.
         """
-        if not any(_has(root, mark) for mark in cls.marks):
-            return None
+        for patterns in (cls.marks, cls.beside or cls.marks):
+            if not any(_has(root, pattern) for pattern in patterns):
+                return None
         first = cls.citation.split(",")[0]
         return Guess(
             options={"root": str(root)},

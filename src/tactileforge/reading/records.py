@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.data.frames.stacks import load_array
+from tactileforge.data.frames.stacks import StackFrames, load_array
 from tactileforge.errors import DataError
 from tactileforge.plugins import names
 from tactileforge.reading.files import read_text
@@ -46,6 +46,18 @@ _MAT_73 = (
     "h5py.File('{0}').items() if hasattr(v, 'shape')}})\""
 )
 
+_HDF5 = (
+    "python -c \"import h5py, numpy; numpy.savez('{1}', **{{k: v[()] for k, v in "
+    "h5py.File('{0}').items() if hasattr(v, 'shape')}})\""
+)
+_TORCH = (
+    "python -c \"import numpy, torch; numpy.savez('{1}', **torch.load('{0}', weights_only=True))\""
+)
+_LMDB = (
+    "python -c \"import lmdb; [open(k.decode().replace('/', '_'), 'wb').write(v) for k, v in "
+    "lmdb.open('{}', readonly=True).begin().cursor()]\""
+)
+
 
 def sheets() -> frozenset[str]:
     """Endings of tables of other programs that are read: those of the core and of packages."""
@@ -53,7 +65,7 @@ def sheets() -> frozenset[str]:
 
 
 def conversion(path: Path) -> str:
-    """Kind of an unread file of labels, and a way to convert it; "" for another.
+    """Kind of an unread file of labels, and a way to convert or unpack it; "" for another.
 
     Example:
         >>> conversion(Path("forces.xls"))
@@ -79,6 +91,35 @@ def conversion(path: Path) -> str:
             return f"a {ending[1:]}: {how}{install}"
         case ".pkl" | ".pickle":
             return "a pickle, which runs code when it is read: save it as CSV or npz"
+        case ".h5" | ".hdf5":
+            return f"an HDF5: {_HDF5.format(path.name, npz)}"
+        case ".pt" | ".pth":
+            return f"PyTorch's; a dictionary of tensors: {_TORCH.format(path.name, npz)}"
+        case ".lvm":
+            told = "a table of LabVIEW: awk 'n > 1; /End_of_Header/ {n++}'"
+            return f"{told} {name} > {shlex.quote(f'{path.stem}.tsv')}"
+        case ".mdb" if path.stem == "data":
+            return f"an LMDB: {_LMDB.format(path.parent.name)}"
+    if ".tfrecord" in path.name.lower():
+        return "records of TensorFlow: write pictures as PNG, and values as CSV, with its reader"
+    return _unpacking(path)
+
+
+def _unpacking(path: Path) -> str:
+    """Kind of an archive, and the command for its files; "" for another file."""
+    name, (stem, _, ending) = shlex.quote(path.name), path.name.partition(".")
+    folder = shlex.quote(stem)
+    match ending.lower():
+        case "zip":
+            return f"an archive: unzip {name} -d {folder}"
+        case "7z":
+            return f"an archive: 7z x {name} -o{folder}"
+        case "rar":
+            return f"an archive: unrar x {name} {folder}/"
+        case "tar" | "tgz" | "tar.gz" | "tar.bz2" | "tar.xz" | "tar.zst":
+            return f"an archive: mkdir -p {folder} && tar -xf {name} -C {folder}"
+        case other if other.endswith(".gz"):
+            return f"compressed: gunzip {name}"
     return ""
 
 
@@ -94,6 +135,18 @@ def _starts_with(path: Path, start: bytes) -> bool:
             return file.read(len(start)) == start
     except OSError:
         return False
+
+
+def stack_fault(path: Path) -> str:
+    """Reason why an array of pictures is not read; "" for a table of numbers and other files."""
+    if path.suffix.lower() != ".npy":
+        return ""
+    try:
+        if load_array(path).ndim > 2:
+            StackFrames(path)
+    except DataError as error:
+        return str(error)
+    return ""
 
 
 def read_records(path: Path) -> list[tuple[str, dict[str, str]]]:
@@ -117,7 +170,8 @@ def read_records(path: Path) -> list[tuple[str, dict[str, str]]]:
                 if line.strip()
             ]
         )
-    rows = _rows_of(_parsed(path, read_text(path)))
+    content = _parsed(path, read_text(path))
+    rows = _rows_of_coco(content) or _rows_of(content)
     is_one = len(rows) == 1
     places = [
         str(path) if is_one else f"{path}, row {number}" for number in range(1, len(rows) + 1)
@@ -174,6 +228,33 @@ def _rows_of(content: Any) -> list[Any]:
         columns = zip(*lists.values(), strict=True)
         return [{**shared, **dict(zip(lists, row, strict=True))} for row in columns]
     return [content]
+
+
+def _rows_of_coco(content: Any) -> list[Any]:
+    """File and category of each image in COCO's form; of its files, where some have several.
+
+    [] for another form.
+    """
+    keys = ("images", "annotations", "categories")
+    parts: list[Any] = [None]
+    if isinstance(content, Mapping):
+        parts = [content.get(key) for key in keys]
+    if not all(isinstance(part, list) and part and _are_rows(part) for part in parts):
+        return []
+    images, annotations, categories = parts
+    try:
+        names = {one["id"]: one["name"] for one in categories}
+        told = {one["image_id"]: names[one["category_id"]] for one in annotations}
+        files = {one["id"]: one["file_name"] for one in images}
+    except (KeyError, TypeError):
+        return []
+    if len(told) < len(annotations):
+        return [{"file_name": name} for name in files.values()]
+    return [
+        {"file_name": name, "category": told[number]}
+        for number, name in files.items()
+        if number in told
+    ]
 
 
 def _are_rows(rows: Sequence[Any]) -> bool:

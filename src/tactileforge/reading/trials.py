@@ -24,6 +24,12 @@ TRIAL = re.compile(
 )
 #: A numbered sensor or camera, and a type of sensors.
 _SENSORS = "|".join(sorted(SPECS, key=len, reverse=True))
+_SENSORS += "|(?:gel[-_. ]?sight|gs)(?:[-_. ]?mini)?|dm[-_. ]?tac|9dtact|tac3d|wedge|geltip"
+#: Words of versions of the same pictures.
+VERSIONS = {
+    *("raw", "processed", "preprocessed", "original", "orig", "cropped", "resized", "compressed"),
+    *("rectified", "undistorted", "filtered", "augmented"),
+}
 _DEVICES = (
     re.compile(
         rf"[-_. ]?{_BEGIN}(?:cam|camera|sensor|finger|gel|gelsight|digit|tac|tactile|device|ch|"
@@ -31,6 +37,9 @@ _DEVICES = (
         re.IGNORECASE,
     ),
     re.compile(rf"[-_. ]?{_BEGIN}(?:{_SENSORS}){_END}", re.IGNORECASE),
+    # serial numbers of DIGIT
+    re.compile(rf"[-_. ]?{_BEGIN}D\d{{5}}(?!\d)", re.IGNORECASE),
+    re.compile(rf"[-_. ]?{_BEGIN}(?:{'|'.join(sorted(VERSIONS))}){_END}", re.IGNORECASE),
 )
 #: Largest number of numbered devices or channels of a trial, and of trials for words to be
 #: channels.
@@ -68,9 +77,9 @@ def trials_of(
 ) -> list[str]:
     """The trials of the recordings of a data set, each held out as a whole.
 
-    Beyond `trial_of`, these share one: recordings that differ only by the number of a device or
-    the type of a sensor, the same few words in each of several numbered folders, and recordings of
-    one folder at overlapping times.
+    Beyond `trial_of`, these share one: recordings that differ only by the number of a device, the
+    type of a sensor, or a version of the pictures (``raw``, ``cropped``), the same few words in
+    each of several numbered folders, and recordings of one folder at overlapping times.
 
     Args:
         names: Paths of the recordings, without their endings.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -49,7 +49,17 @@ STILL = {"reference", "ref", "background", "bg", "baseline"}
 DERIVED = {
     *("depth", "flow", "mask", "masks", "seg", "segmentation", "marker", "markers", "diff"),
     *("difference", "normal", "normals", "height", "heightmap", "shear", "embedding", "emb"),
-    *("latent", "pred", "next"),
+    *("latent", "pred", "next", "overlay", "overlays", "annotated", "annotation", "annotations"),
+    *("heatmap", "heatmaps", "plot", "plots", "preview", "previews", "thumbnail", "thumbnails"),
+    *("visualization", "visualizations", "visualisation", "spectrogram", "debug"),
+}
+#: Words of pictures that a network is to give for others.
+_WANTED = {"target", "targets", "label", "labels", "gt", "output", "outputs"}
+#: Words of folders beside the recordings, of pictures that nothing touched.
+_ASIDE = {
+    *("plots", "figures", "results", "checkpoints", "calibration", "calib", "calibrations"),
+    *("overlays", "annotated", "heatmaps", "previews", "thumbnails", "visualization", "debug"),
+    *("visualizations", "screenshots"),
 }
 #: Words of views of a scene.
 VIEWS = {"camera", "cameras", "cam", "image", "images", "img", "imgs", "rgb", "view", "views"}
@@ -60,13 +70,19 @@ _CAMERAS = {*_FIRST_VIEWS, "wrist", "camera", "cameras", "cam", "view"}
 #: Words that no picture of touch has, whatever the others are called.
 _SCENE = {
     *("webcam", "realsense", "kinect", "gopro", "agentview", "thirdperson", "orbbec"),
-    *("d405", "d415", "d435", "l515"),
+    *("d405", "d415", "d435", "d435i", "d455", "l515"),
 }
+#: Words of pictures that are no view of a scene either.
+NO_VIEW = DERIVED | _WANTED | _ASIDE
+#: Words that a name of captured pictures may have beside those of computed ones.
+_CAPTURED = VIEWS | {"color", "colour", "raw", "input", "inputs"}
 #: The same for folders of images, without markers: those may be on the gel itself.
 _COMPUTED = DERIVED - {"marker", "markers"}
 #: Words of a view of a scene beside pictures that are called touch.
 _BESIDE = VIEWS | _COMPUTED | {"color", "colour", "vision", "visual", "wrist"}
-_BESIDE |= {*_FIRST_VIEWS, "side", "eye", "hand", "robot", "overhead", "zed"}
+_BESIDE |= {*_FIRST_VIEWS, "side", "eye", "hand", "robot", "overhead", "zed", "kamera"}
+_BESIDE |= {"video", "videos", "overview", "azure", "phone", "iphone", "ego", "exo", "static"}
+_BESIDE |= {"vis", "ir", "nir", "thermal", "workspace", "environment", "context", "c920"}
 
 
 def says_touch(words: Sequence[str]) -> bool:
@@ -210,6 +226,8 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     Those with the name of a camera for scenes (``webcam``, ``realsense``) are, where others have
     none. Those with a usual word of a view (``rgb``, ``wrist``), or of what is computed
     (``depth``), are where all others are called touch: beside ``cup``, ``rgb`` may be an object.
+    So are folders of what is no recording (``plots``), and pictures beside those that they are
+    computed from (``masks`` beside ``images``).
 
     Args:
         paths: Files below ``root``.
@@ -223,8 +241,11 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     kinds: dict[str, list[Path]] = {}
     for path in paths:
         name = path.relative_to(root).with_suffix("").as_posix()
-        kinds.setdefault(re.sub(r"\d+(?![a-z])", "", name), []).append(path)
-    words = {kind: {*words_of(kind), *_joined(kind)} for kind in kinds}
+        kinds.setdefault(re.sub(r"\d+(?![a-z\d])", "", name), []).append(path)
+    words = {
+        kind: {*words_of(kind), *_joined(own[0].relative_to(root).with_suffix("").as_posix())}
+        for kind, own in kinds.items()
+    }
     same = set.intersection(*words.values()) if words else set()
     own = {kind: said - same for kind, said in words.items()}
     touch = {kind for kind, said in own.items() if says_touch([*said])}
@@ -232,31 +253,49 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     beside = {kind for kind in own.keys() - touch if own[kind] & (_SCENE | _BESIDE)}
     if touch and len(touch) + len(beside) == len(own):
         out = beside
-    out |= {kind for kind in own.keys() - out if _is_computed(kind, own)}
+    out |= {kind for kind in own.keys() - out if _is_aside(kind, own[kind])}
+    out |= _computed(own)
     return [path for kind in kinds if kind in out for path in kinds[kind]] if out != {*own} else []
 
 
-def _is_computed(kind: str, kinds: Collection[str]) -> bool:
-    """Whether a name adds a word for a computed picture to the name of another kind.
+def _is_aside(kind: str, said: Collection[str]) -> bool:
+    """Whether a folder is by its whole name beside the recordings."""
+    folders = (words_of(part) for part in kind.split("/")[:-1])
+    return any(words and {*words} <= _ASIDE & {*said} for words in folders)
 
-    ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``.
+
+def _computed(kinds: Mapping[str, Collection[str]]) -> set[str]:
+    """Names that say a computed picture where that of another kind says a captured one.
+
+    ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``, and ``masks`` beside ``images``.
     """
+    words = _COMPUTED | _WANTED
+    candidates = [kind for kind, said in kinds.items() if not words.isdisjoint(said)]
+    # what is said in place of each part of a name, where the other parts are the same
+    beside: dict[tuple[int, tuple[str, ...]], set[tuple[frozenset[str], bool]]] = {}
+    for kind in kinds if candidates else ():
+        for place, others, said in _parts(kind):
+            beside.setdefault((place, others), set()).add((said - _CAPTURED, bool(said)))
+    found = set()
+    for kind in candidates:
+        for place, others, said in _parts(kind):
+            rest = said - words
+            # of names without other words, a folder of numbers may be of anything
+            plain = {(rest, True), (rest, False)} if place == len(others) else {(rest, True)}
+            if rest != said and plain & beside[place, others]:
+                found.add(kind)
+    return found
+
+
+def _parts(kind: str) -> Iterator[tuple[int, tuple[str, ...], frozenset[str]]]:
+    """Place of each part of a path, the other parts, and its words."""
     parts = kind.split("/")
     for place, part in enumerate(parts):
-        said = {*words_of(part)}
-        rest = said - _COMPUTED
-        if not rest or rest == said:
-            continue
-        for other in kinds:
-            named = other.split("/")
-            same = len(named) == len(parts) and all(
-                a == b for i, (a, b) in enumerate(zip(named, parts, strict=True)) if i != place
-            )
-            if same and {*words_of(named[place])} - VIEWS == rest:
-                return True
-    return False
+        yield place, (*parts[:place], *parts[place + 1 :]), frozenset(words_of(part))
 
 
 def _joined(name: str) -> set[str]:
-    """Neighboring words and numbers of a name as one word: ``third_person``, ``d435``."""
-    return {first + second for first, second in pairwise(words_of(name))}
+    """Whole parts of a name, and two words side by side as one: ``d435``, ``third_person``."""
+    apart = apart_by_capitals(name).lower()
+    pairs = pairwise(re.findall(r"[a-z]+", apart))
+    return {*re.split(r"[^a-z0-9]+", apart), *(first + second for first, second in pairs)}

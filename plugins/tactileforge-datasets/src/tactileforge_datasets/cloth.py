@@ -53,7 +53,7 @@ class Cloth(PublishedDataset):
   Data/12/3/gelsight_frame/0001.png ...    (cloth, trial)"""
     splits = (CLOTH_OFFICIAL, ANYTOUCH2_CLOTH, ALL_FOR_TRAINING)
     provides = frozenset({"object"})
-    marks = ("cloth_metadata.json", "Data/*/*/gelsight_frame")
+    marks = ("cloth_metadata.json",)
     certainty = 1.0
     doubts = ("the split is one of the lists beside the data",)
 

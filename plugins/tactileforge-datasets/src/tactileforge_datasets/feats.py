@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Guess, Recording
 from tactileforge.data import EncodedFrames, LazyImages
 from tactileforge.errors import DataError
 from tactileforge.reading import OfficialSplit, PublishedDataset, RecordingItem, load_pickled_array
@@ -18,6 +18,8 @@ from tactileforge_datasets.checks import numbers, value_of, word_before_number
 
 _GRIDS = ("grid_x", "grid_y", "grid_z")
 _SUMS = ("f_x", "f_y", "f_z")
+#: Start of the names of files of scales.
+_SCALES = "normalization"
 #: Largest difference of a force and the sum of its cells, N: that of rounding.
 _ROUNDED = 0.01
 _OFFICIAL = OfficialSplit(
@@ -65,14 +67,23 @@ class Feats(PublishedDataset):
     marks = ("labels/train/*.npy", "train/*.npy")
     doubts = ("directions of x and y in the picture were not checked", "no times: single frames")
 
+    @classmethod
+    def recognise(cls, root: Path) -> Guess | None:
+        """See `PublishedDataset.recognise`; the first press decides."""
+        guess = super().recognise(root)
+        files = sorted(path for mark in cls.marks for path in root.glob(mark)) if guess else []
+        try:
+            presses = (_read(path) for path in files if not path.name.startswith(_SCALES))
+            return guess if "gs_img" in next(presses, {}) else None
+        except DataError:
+            return None
+
     def __init__(self, root: str, split: str = "feats-official", val: float = 0.1) -> None:
         super().__init__(root, split, val)
 
     def _items(self) -> Iterator[RecordingItem]:
         labels = self._folder("labels", ".")
-        files = sorted(
-            path for path in labels.glob("*/*.npy") if not path.name.startswith("normalization")
-        )
+        files = sorted(path for path in labels.glob("*/*.npy") if not path.name.startswith(_SCALES))
         if not files:
             raise self._missing(f"no file train/NAME.npy in {labels}")
         for path in files:

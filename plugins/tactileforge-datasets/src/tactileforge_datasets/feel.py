@@ -42,7 +42,8 @@ class Feel(PublishedDataset):
   OBJECT/touch_before/0_A.png, 0_B.png ...    (touch_during, touch_after alike)
   OBJECT/vision_before/0.png ...              (vision_during, vision_after alike)"""
     provides = frozenset({"object", "image"})
-    marks = ("feel.csv", "*/touch_before/*.png")
+    marks = ("feel.csv",)
+    beside = ("*/touch_before/*.png",)
     certainty = 1.0
     doubts = ("times are not published: a second a moment",)
 

@@ -64,14 +64,15 @@ class GelSlam(PublishedDataset):
 
     @classmethod
     def recognise(cls, root: Path) -> Any:
-        """See `PublishedDataset.recognise`; films with poses are of ``tactile_tracking``."""
+        """See `PublishedDataset.recognise`; films have a scale, and no poses."""
         guess = super().recognise(root)
         films = [path for path in (*root.glob("*/gelsight.avi"), *root.glob("*/*/gelsight.avi"))]
+        # films with poses are of ``tactile_tracking``
         if guess is None or any(
             (path.parent / "true_start_T_currs.npy").exists() for path in films
         ):
             return None
-        return guess if films or _tables(root) else None
+        return guess if any(map(_has_scale, films)) or _tables(root) else None
 
     def _items(self) -> Iterator[RecordingItem]:
         root = self._folder(".")
@@ -149,6 +150,13 @@ def _tables(root: Path) -> list[Path]:
 
 def _catalogs(root: Path) -> list[Path]:
     return sorted((*root.glob("catalog.csv"), *root.glob("*/catalog.csv")))
+
+
+def _has_scale(film: Path) -> bool:
+    try:
+        return _scale(film.parent / "config.yaml") > 0
+    except DataError:
+        return False
 
 
 def _scale(path: Path) -> float:

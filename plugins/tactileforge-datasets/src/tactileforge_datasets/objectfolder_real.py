@@ -47,7 +47,10 @@ class ObjectFolderReal(PublishedDataset):
   contact_text_obj.csv         (from https://huggingface.co/datasets/xxuan01/TacQuad)
   tactile/1/CONTACT/gelsight/0.png ..."""
     provides = frozenset({"object", "image"})
-    marks = ("contact_text_obj.csv", "tactile/*/*/gelsight")
+    marks = (
+        "contact_text_obj.csv",
+        *(f"tactile/{number}/*/gelsight" for number in ("[1-9]", "[1-9][0-9]", "100")),
+    )
     doubts = ("the rate is 30 frames a second unless fps says otherwise",)
 
     def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:

@@ -6,10 +6,11 @@ import ast
 import re
 from collections.abc import Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from tactileforge.contracts import FrameSubset, Recording
+from tactileforge.contracts import FrameSubset, Guess, Recording
 from tactileforge.data import VideoFrames, video_times, without_companions
 from tactileforge.errors import DataError
 from tactileforge.reading import (
@@ -19,10 +20,13 @@ from tactileforge.reading import (
     is_there,
     read_text,
 )
+from tactileforge.specs.published import spec
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"
 _PROPERTIES = ("hardness", "roughness", "texture")
+#: Films that a guess opens: the first ones may be damaged.
+_LOOKED = 5
 _SIDES = {"TRAIN_OBJECTS": "train", "VAL_OBJECTS": "val", "TEST_OBJECTS": "test"}
 
 
@@ -56,6 +60,22 @@ class Octopi(PublishedDataset):
     marks = ("dataset/*_[0-9]*.mov", "*_[0-9]*.mov")
     doubts = ("names of films are objects and numbers",)
 
+    @classmethod
+    def recognise(cls, root: Path) -> Guess | None:
+        """See `PublishedDataset.recognise`; films are of objects, and of a GelSight Mini's size."""
+        guess = super().recognise(root)
+        films = [path for mark in cls.marks for path in root.glob(mark)] if guess else []
+        own = {path.stem for path in films}
+        beside = {
+            path.stem
+            for folder in {path.parent for path in films}
+            for path in folder.iterdir()
+            if path.suffix.lower() != ".mov"
+        }
+        if own & beside or len({_place(path)[0] for path in films}) < 2:
+            return None  # forces of each film, or numbers of trials
+        return guess if any(map(_is_of_mini, islice(films, _LOOKED))) else None
+
     def _items(self) -> Iterator[RecordingItem]:
         folder = self._folder("dataset", ".")
         videos = sorted(without_companions([*folder.glob("*.mov")], folder), key=_place)
@@ -87,6 +107,14 @@ class Octopi(PublishedDataset):
             text=", ".join(phrases),
             labels={key: rank for key, (rank, _) in ranks.items()},
         )
+
+
+def _is_of_mini(film: Path) -> bool:
+    mini = spec(Octopi.sensors[0])
+    try:
+        return VideoFrames(film).shape == (mini.height, mini.width)
+    except DataError:
+        return False
 
 
 def _place(path: Path) -> tuple[str, int]:

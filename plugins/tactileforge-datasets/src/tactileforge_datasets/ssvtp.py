@@ -49,6 +49,7 @@ class Ssvtp(PublishedDataset):
     splits = (TVL_OFFICIAL, ALL_FOR_TRAINING)
     provides = frozenset({"text", "image"})
     marks = ("images_tac/image_*_tac.jpg", "ssvtp/images_tac", "tvl_dataset/ssvtp/images_tac")
+    beside = ("train.csv", "test.csv", "text/labels_*.txt", "ssvtp", "tvl_dataset")
     certainty = 1.0
 
     def __init__(self, root: str, split: str = "tvl-official", val: float = 0.1) -> None:

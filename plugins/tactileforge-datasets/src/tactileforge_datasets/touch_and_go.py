@@ -86,6 +86,7 @@ class TouchAndGo(PublishedDataset):
     splits = (ALL_FOR_TRAINING, TAG_MATERIAL, TAG_ROUGH, ANYTOUCH2_MATERIAL, ANYTOUCH2_ROUGH)
     provides = frozenset({"text", "image"})
     marks = ("dataset/*/gelsight_frame", "Dataset/*/gelsight_frame")
+    beside = tuple(name for lists in _LISTS.values() for name in lists.values())
     certainty = 1.0
     doubts = ("nothing is subtracted without the lists of AnyTouch 2",)
 

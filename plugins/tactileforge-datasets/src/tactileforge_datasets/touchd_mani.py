@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from tactileforge.contracts import Recording
+from tactileforge.contracts import Guess, Recording
 from tactileforge.errors import DataError
 from tactileforge.plugins import load_json
 from tactileforge.reading import (
@@ -22,6 +23,9 @@ from tactileforge.reading import (
     read_text,
     still_background,
 )
+
+#: Episodes that a guess opens: the first ones may be damaged.
+_LOOKED = 5
 
 
 class TouchdMani(PublishedDataset):
@@ -61,6 +65,13 @@ class TouchdMani(PublishedDataset):
     marks = ("*/episode.json", "*/*/episode.json", "episode.json")
     doubts = ("a neutral layout: that of the release is not public",)
 
+    @classmethod
+    def recognise(cls, root: Path) -> Guess | None:
+        """See `PublishedDataset.recognise`; the fingers of an episode decide."""
+        guess = super().recognise(root)
+        found = (path for mark in cls.marks for path in root.glob(mark)) if guess else iter(())
+        return guess if any(map(_has_fingers, islice(found, _LOOKED))) else None
+
     def _items(self) -> Iterator[RecordingItem]:
         files = sorted(matches(self._folder("."), "**/episode.json"))
         if not files:
@@ -92,6 +103,14 @@ class TouchdMani(PublishedDataset):
             text=episode.get("task"),
             image=views.frames(self._index) if views.files else None,
         )
+
+
+def _has_fingers(path: Path) -> bool:
+    try:
+        episode = load_json(read_text(path))
+    except (DataError, ValueError):
+        return False
+    return isinstance(episode, dict) and "fingers" in episode
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from tactileforge.contracts import ACTIONS, Recording
+from tactileforge.contracts import ACTIONS, Guess, Recording
 from tactileforge.errors import DataError, unknown
 from tactileforge.reading import (
     NumberedImages,
@@ -20,6 +21,8 @@ from tactileforge.reading import (
 )
 
 _FPS = 30.0
+#: Pictures that a guess looks at.
+_LOOKED = 20
 
 
 class TouchdSim(PublishedDataset):
@@ -53,6 +56,13 @@ class TouchdSim(PublishedDataset):
     marks = tuple(f"*/{action}*/*/[0-9]*.png" for action in ACTIONS)
     doubts = ("a neutral layout: that of the release is not public",)
 
+    @classmethod
+    def recognise(cls, root: Path) -> Guess | None:
+        """See `PublishedDataset.recognise`; whole names of folders decide, and pictures only."""
+        guess = super().recognise(root)
+        found = (path.parent for mark in cls.marks for path in root.glob(mark)) if guess else ()
+        return guess if any(map(_is_of_form, islice(found, _LOOKED))) else None
+
     def _items(self) -> Iterator[RecordingItem]:
         folders = sorted(path for path in self._folder(".").glob("*/*/*") if path.is_dir())
         if not folders:
@@ -62,9 +72,8 @@ class TouchdSim(PublishedDataset):
             yield RecordingItem(key, partial(self._open, key, folder), group=key.split("/")[0])
 
     def _open(self, key: str, folder: Path) -> Recording:
-        name, action, unit = key.split("/")
-        action = re.sub(r"-\d+$", "", action)
-        sensor = re.sub(r"_\d+$", "", unit)
+        name = key.split("/")[0]
+        action, sensor = _action_and_sensor(folder)
         for what, value, known in (("action", action, ACTIONS), ("sensor", sensor, self.sensors)):
             if value not in known:
                 raise DataError(f"{folder}: {unknown(what, value, known, 'Rename the folder')}")
@@ -80,3 +89,13 @@ class TouchdSim(PublishedDataset):
             object=name,
             text=f"{{action}} {name}".replace("_", " "),
         )
+
+
+def _action_and_sensor(folder: Path) -> tuple[str, str]:
+    return re.sub(r"-\d+$", "", folder.parent.name), re.sub(r"_\d+$", "", folder.name)
+
+
+def _is_of_form(folder: Path) -> bool:
+    action, sensor = _action_and_sensor(folder)
+    are_pictures = all(path.suffix.lower() == ".png" for path in folder.iterdir())
+    return action in ACTIONS and sensor in TouchdSim.sensors and are_pictures

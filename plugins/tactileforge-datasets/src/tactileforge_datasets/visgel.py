@@ -37,7 +37,8 @@ class VisGel(PublishedDataset):
   touch/SEQUENCE/frame0000.jpg ...
   vision/SEQUENCE/frame0000.jpg ..."""
     provides = frozenset({"image"})
-    marks = ("images/touch/*", "touch/*/frame*.jpg")
+    marks = ("images/touch/*/frame*.jpg", "images/touch/*/*/frame*.jpg")
+    beside = ("images/vision",)
     doubts = ("the first frame of a sequence is taken to be without contact",)
 
     def __init__(self, root: str, split: str = "all", val: float = 0.1, fps: float = 30.0) -> None:

@@ -55,6 +55,10 @@ def guess(root: Path) -> Guess | None:
     if left := [name for name in rest if name != view]:
         doubts.append(f"pictures without a word of touch, left out: {', '.join(left)}")
     _add_forces(bag, touch, doubts)
+    doubts.append(
+        "background: none is known, so nothing is subtracted; data.background=first where bags "
+        "begin without contact"
+    )
     return _guess({"root": str(root), "map": options}, doubts)
 
 

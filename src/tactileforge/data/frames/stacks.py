@@ -137,6 +137,12 @@ def load_array(path: str | Path) -> NDArray[Any]:
         raise DataNotFoundError(f"{path}: no such file; correct the path") from None
     except (OSError, ValueError, EOFError, SyntaxError, TypeError, OverflowError) as error:
         line = " ".join(str(error).split())
+        if "Python objects" in line:
+            raise DataError(
+                f"{path}: objects of Python, which run code when they are read; of a dictionary of "
+                f"arrays that you trust: python -c \"import numpy; numpy.savez('{Path(path).stem}"
+                f".npz', **numpy.load('{Path(path).name}', allow_pickle=True).item())\""
+            ) from error
         raise DataError(f"{path}: no readable array ({line}); save it with np.save") from error
     if not isinstance(array, np.ndarray):
         raise DataError(f"{path}: an archive of arrays, named .npy; rename it to .npz")

@@ -28,6 +28,8 @@ from tactileforge_datasets.samples.units import grouped
 
 #: Samples of the first tar that are looked at.
 _LOOKED = 200
+#: Parts that are tables.
+_TABLES = ("csv", "tsv")
 _CAMERA = re.compile(r"cam|rgb|scene|view|vis")
 _NUMBERED = re.compile(r"(?P<start>.*?)(?P<frame>\d+)\.(?P<kind>[a-z]+)")
 _FORCE, _OBJECT = ("force", "forces", "f", "wrench"), ("object", "object_name", "label", "class")
@@ -97,6 +99,12 @@ def _layout(
     layout |= _values(parts, doubts)
     if times := layout.pop("times", ""):
         layout |= _times(samples, layout, times, doubts)
+    tables = [f"{key}.{part}" for key, of in samples.items() for part in of if part in _TABLES]
+    if tables:
+        doubts.append(
+            f"force: a table of a tar ({tables[0]}) is not read; unpack the tars, "
+            "tar -xf NAME.tar, and read their folder"
+        )
     doubts.append("licence: write it into layout.licence")
     return layout
 
@@ -123,7 +131,8 @@ def _frames(
     if len(stills) > 1:
         doubts.append(f"touch: {stills[0]} is taken for the touch, beside {', '.join(stills[1:])}")
     if stills:
-        return {"touch": stills[0]} | _clips(samples, doubts)
+        shown = {key: parts for key, parts in samples.items() if stills[0] in parts}
+        return {"touch": stills[0]} | _clips(shown, doubts)
     return _arrays(samples, [part for part in touch if kind_of(part) == "npy"], doubts)
 
 
