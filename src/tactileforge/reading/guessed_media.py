@@ -56,6 +56,11 @@ class Part:
         """The recordings, by the known keys."""
         return units_of(self.root, self.media, self.layout)
 
+    @property
+    def assumes_rate(self) -> bool:
+        """Whether nothing tells the rate of the frames."""
+        return any(line.startswith(f"fps: {ASSUMED_FPS} is assumed") for line in self.doubts)
+
     def forget(self, *keys: str) -> None:
         """Drops keys that something else tells better, and the lines about them."""
         self.doubts[:] = [line for line in self.doubts if line.partition(":")[0] not in keys]

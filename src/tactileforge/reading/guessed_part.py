@@ -19,6 +19,7 @@ from tactileforge.reading.guessed_labels import (
 )
 from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, of_endings, open_media
 from tactileforge.reading.guessed_patterns import pattern_of
+from tactileforge.reading.guessed_rate import guess_rate
 from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times
 from tactileforge.reading.records import RECORDS, sheets
 from tactileforge.reading.sensor_names import guess_sensor, named_sensor
@@ -69,6 +70,8 @@ def guess_part(part: Part) -> None:
     if times:
         part.forget("fps")
     layout |= times | _background(part) | force
+    if force and part.assumes_rate and "recording" not in layout:
+        guess_rate(part, of_force[0], force["force"])
     if "sensor" in labels:
         part.forget("sensor")
     layout |= labels

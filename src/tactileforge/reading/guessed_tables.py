@@ -47,8 +47,8 @@ from tactileforge.reading.written_names import by_ends
 
 #: Units in names of files: a single letter may be anything there.
 _FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
-#: Ratio of durations up to which two clocks have one unit.
-_AS_LONG = 2.5
+#: Ratios of the durations of forces and frames for one unit; the rate of frames may be assumed.
+_AS_LONG = 0.4, 10.0
 
 
 def guess_apart(
@@ -270,7 +270,7 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     units_that_fit = [
         unit
         for unit, seconds in UNITS.items()
-        if 1 / _AS_LONG < span * seconds / max(units.seconds, 1e-9) < _AS_LONG
+        if _AS_LONG[0] < span * seconds / max(units.seconds, 1e-9) < _AS_LONG[1]
     ]
     unit = named_time_unit(time) or [*units_that_fit, "s"][0]
     if unit == "s":

@@ -268,11 +268,16 @@ def _filled(family: Family, units: Units) -> Iterator[bool]:
             f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
         }
     for unit in units.files:
-        padded = ("", "", *unit)
-        stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
-        name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
-        name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
-        yield name.replace("{parent}", padded[-3]) in there
+        yield table_of(family, unit, units) in there
+
+
+def table_of(family: Family, unit: Parts, units: Units) -> str:
+    """Path of the table of a recording from the root, by the template of its family."""
+    padded = ("", "", *unit)
+    stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
+    name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
+    name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
+    return name.replace("{parent}", padded[-3])
 
 
 def is_for_all(family: Family, units: Units) -> bool:
