@@ -162,3 +162,33 @@ def test_a_table_is_of_the_sensor_in_its_name(tmp_path: Path) -> None:
         ("digit", True),
         ("gelsight_mini", False),
     }
+
+
+def table(path: Path, peak: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [f"{n / 25:.4f},0,0,{peak * n / 23:.6f}" for n in range(24)]
+    path.write_text("\n".join(["t,fx,fy,fz", *rows]) + "\n")
+
+
+def test_tables_in_sibling_folders_are_each_of_their_own_trial(tmp_path: Path) -> None:
+    for number in range(3):
+        film(tmp_path / f"trial_{number}/video/data.avi")
+        table(tmp_path / f"trial_{number}/ft/data.csv", 2 + number)
+    found, _ = read(tmp_path)
+    assert len(found) == 3
+    for key, one in found.items():
+        assert one.force is not None
+        assert one.force[-1, 2] == 2 + int(key.split("/")[1][-1])
+
+
+def test_the_table_of_one_trial_is_not_given_to_others(tmp_path: Path) -> None:
+    for day in "ab":
+        for number in range(2):
+            film(tmp_path / f"day_{day}/trial_{number}/video/data.avi")
+    for number in range(2):
+        table(tmp_path / f"day_a/trial_{number}/ft/data.csv", 2)
+    found, doubts = read(tmp_path)
+    assert len(found) == 4
+    assert all(one.force is None for one in found.values())
+    line = "force: not every recording has its day_a/{parent}/ft/{stem}.csv; left out"
+    assert line in doubts

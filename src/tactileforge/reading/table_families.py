@@ -181,7 +181,7 @@ class _Places:
         self.units = units
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
-        self._stem: dict[str, Parts] = {}
+        self._near: dict[tuple[Parts, str], Parts] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
@@ -190,7 +190,8 @@ class _Places:
             stem = self._name(parts)
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
-            self._stem.setdefault(stem, parts)
+            for depth in range(len(parts)):
+                self._near.setdefault((parts[:depth], stem), parts)
             for mark in _MARKS if len(parts) > 1 else "":
                 self._joint.setdefault(f"{parts[-2]}{mark}{stem}", parts)
             self._inside.setdefault(parts[:-1], []).append(parts)
@@ -220,7 +221,8 @@ class _Places:
         unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
-            unit = max(beside, key=len, default=None) or self._stem.get(stem)
+            near = (self._near.get((folder[:i], stem)) for i in range(len(folder), -1, -1))
+            unit = max(beside, key=len, default=None) or next(filter(None, near), None)
             unit = unit or self._joint.get(stem)
         prefix = name_prefix(stem)
         if unit is None and self.units.each == "video" and prefix:
@@ -267,8 +269,12 @@ def _filled(family: Family, units: Units) -> Iterator[bool]:
         there = {
             f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
         }
+    above = family.template.split("/")[:-1]
+    # folders of one recording in a template are of no other
+    own = [(i, name) for i, name in enumerate(above) if family.unit[i : i + 1] == (name,)]
     for unit in units.files:
-        yield table_of(family, unit, units) in there
+        is_own = all(unit[i : i + 1] == (name,) for i, name in own)
+        yield is_own and table_of(family, unit, units) in there
 
 
 def table_of(family: Family, unit: Parts, units: Units) -> str:
