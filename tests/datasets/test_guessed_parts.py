@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 from videos import write_video
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
+from tactileforge.errors import DataNotFoundError
 from tactileforge.reading.guessed_layout import guess_layout
 
 RNG = np.random.default_rng(0)
@@ -192,3 +194,49 @@ def test_the_table_of_one_trial_is_not_given_to_others(tmp_path: Path) -> None:
     assert all(one.force is None for one in found.values())
     line = "force: not every recording has its day_a/{parent}/ft/{stem}.csv; left out"
     assert line in doubts
+
+
+def counted(folder: Path, frames: int, first: int = 0, rows: int = 20) -> None:
+    """Images of a moving gel, with numbers in their names, and a table with a row of each."""
+    for number in range(frames):
+        image(folder / f"{number + first:04d}.png", 60 + 8 * number)
+    if rows:
+        lines = [f"{first + n},0,0,{n}" for n in range(rows)]
+        (folder / "ft.csv").write_text("\n".join(["frame,fx,fy,fz", *lines]) + "\n")
+
+
+@pytest.mark.parametrize("first", [0, 1, 100])
+def test_forces_after_the_last_frame_stop_nothing(first: int, tmp_path: Path) -> None:
+    for number in range(3):
+        counted(tmp_path / f"trial_{number}", 20 - number, first)
+    found, doubts = read(tmp_path)
+    assert sorted(len(one.frames) for one in found.values()) == [18, 19, 20]
+    for one in found.values():
+        assert one.force is not None
+        np.testing.assert_array_equal(one.force[:, 2], np.arange(len(one.frames)))
+    assert any("goes on after the last frame of trial_1 and 1 more" in line for line in doubts)
+
+
+def test_a_trial_without_its_table_has_no_force_and_is_named(tmp_path: Path) -> None:
+    for number in range(3):
+        counted(tmp_path / f"trial_{number}", 20, rows=0 if number == 2 else 20)
+    found, doubts = read(tmp_path)
+    has_force = {key.rpartition("/")[2]: one.force is not None for key, one in found.items()}
+    assert has_force == {"trial_0": True, "trial_1": True, "trial_2": False}
+    assert all((one.action is not None) == (one.force is not None) for one in found.values())
+    assert any("trial_2 without {file}/ft.csv" in line for line in doubts)
+
+
+def test_a_table_of_no_recording_is_missing_all_the_same(tmp_path: Path) -> None:
+    counted(tmp_path / "trial_0", 20)
+    layout = {
+        "images": "*/*.png",
+        "each": "sequence",
+        "fps": 30,
+        "sensor": "digit",
+        "background": "none",
+        "force": {"file": "{file}/no.csv", "columns": ["fx", "fy", "fz"], "partial": True},
+    }
+    data = Recordings(root=str(tmp_path), layouts={"own": layout})
+    with pytest.raises(DataNotFoundError, match=r"no\.csv: no such CSV"):
+        list(data.recordings("train"))

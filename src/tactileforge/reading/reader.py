@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
@@ -386,6 +387,10 @@ class LayoutReader:
         felt_by = [self.layout.sensor, *(tile.sensor for tile in self.layout.crops.values())]
         sensor = self._sensor(next(name for name in felt_by if name), touch)
         path, note = self._path(table.file, touch), partial(self._doubt, touch)
+        named = re.sub(r"\{.*?\}", "*", PurePosixPath(table.file).name)
+        if table.partial and not path.exists() and any(self.folder.rglob(named)):
+            note(f"has no force: there is no {path.relative_to(self.folder)}")
+            return None
         return self._tables.force(table, path, clock, sensor, touch.paths, note, change)
 
     def _tracked(self, recording: Recording, touch: LayoutTouch, crop: str) -> Recording:
@@ -409,8 +414,8 @@ class LayoutReader:
         action = self.layout.action
         if action is None:
             return None
-        if action == "force" and force is not None:
-            return label_actions(times, force)
+        if action == "force":
+            return None if force is None else label_actions(times, force)
         if isinstance(action, FrameTable):
             path, note = self._path(action.file, touch), partial(self._doubt, touch)
             return self._tables.actions(action, path, len(times), touch.paths, note)

@@ -294,6 +294,21 @@ def is_for_all(family: Family, units: Units) -> bool:
     return bool(family.key or family.apart) or len(units.files) == 1 or names <= SIDE_NAMES
 
 
+def without_table(family: Family, units: Units) -> list[Parts]:
+    """The recordings without a table, where most have one of their own; [] for other families."""
+    if not family.is_own or "*" in family.template:
+        return []
+    lacking = [
+        unit for unit, has in zip(units.files, _filled(family, units), strict=True) if not has
+    ]
+    if 2 * len(lacking) >= len(units.files):
+        return []
+    # a table of another recording in its place is none of its own
+    return (
+        [] if any((units.root / table_of(family, x, units)).exists() for x in lacking) else lacking
+    )
+
+
 def recordings(units: Units) -> list[str]:
     """Paths of recordings from the root; of single images, those of their folders."""
     parts = [unit[:-1] if units.each == "touch" else unit for unit in units.files]
