@@ -78,13 +78,22 @@ def guess_map(
 def _episodes(found: FoundArrays, rows: int) -> dict[str, Any]:
     """Keys of where episodes are."""
     if not found.within:
-        keys = find_ends(found, [*found.looks.values()], rows)
-        found.used |= {keys["ends"]} if keys else set()
-        return keys
+        ends = find_ends(found, [*found.looks.values()], rows)
+        found.used |= {ends["ends"]} if ends else set()
+        return ends
     splits = find_splits(found.every)
     if splits:
         found.doubts.append(f"splits: as {' and '.join(splits.values())} of the file say")
-    return {"within": found.within} | ({"splits": splits} if splits else {})
+    keys: dict[str, Any] = {"within": found.within} | ({"splits": splits} if splits else {})
+    if "{number" not in found.within:
+        found.doubts.append(
+            f"within: groups {found.within} hold the same arrays, and are taken for a recording "
+            "each; if they are sensors of one, name these in a map (data.map)"
+        )
+    if "{object}" in found.within:
+        found.doubts.append(f"object: named by the group, {found.within}")
+        keys["object"] = "{object}"
+    return keys
 
 
 def _numbers(found: FoundArrays, rows: int) -> dict[str, Any]:
