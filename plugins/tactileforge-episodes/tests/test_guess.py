@@ -765,3 +765,14 @@ def test_groups_of_sides_and_sensors_are_one_recording(groups, tmp_path):
     assert [one["array"] for one in guess.options["map"]["touch"]] == [
         f"{x}/tactile" for x in groups
     ]
+
+
+@pytest.mark.parametrize("name", ["image", "tactile"])
+def test_a_picture_in_each_file_is_no_recording_of_taxels(name, tmp_path):
+    for number in range(3):
+        picture = pictures(1, 40, 60, 3, seed=number)[0]
+        write_npz(tmp_path / f"{number:04d}.npz", {name: picture, "force": np.zeros(3)})
+    with pytest.raises(DataNotFoundError, match=rf"{name} uint8 \(40, 60, 3\) .*np\.stack"):
+        recognise(tmp_path)
+    with pytest.raises(DataError, match="is one picture"):
+        list(Episodes(str(tmp_path), touch=[name]).recordings("train"))

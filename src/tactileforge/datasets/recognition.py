@@ -11,6 +11,7 @@ from tactileforge.contracts import Guess
 from tactileforge.errors import DataError, DataNotFoundError, PluginError
 from tactileforge.plugins import registry
 from tactileforge.reading import matches
+from tactileforge.reading.guessed_media import unread_array
 from tactileforge.reading.records import conversion
 from tactileforge.util.pointers import check_pointer
 
@@ -58,6 +59,7 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
         for file in files:
             check_pointer(file)
         told = [f"{one} is {how}" for one in files if (how := conversion(one) or _film(one))]
+        told = told or [line for one in files if (line := unread_array(one))]
         if told:
             raise DataNotFoundError(f"{path}: no installed data set recognises it; {told[0]}")
         raise DataNotFoundError(

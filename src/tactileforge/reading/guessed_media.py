@@ -10,9 +10,9 @@ from typing import Any
 
 from tactileforge.contracts import Frames
 from tactileforge.data.frames.lazy import ImageFrames
-from tactileforge.data.frames.stacks import is_stack, open_film
+from tactileforge.data.frames.stacks import StackFrames, is_stack, load_array, open_film
 from tactileforge.data.frames.video import VIDEO_SUFFIXES
-from tactileforge.errors import TactileForgeError
+from tactileforge.errors import DataError, TactileForgeError
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.sensor_names import named_sensor
@@ -136,3 +136,15 @@ def open_media(path: Path) -> Frames | None:
         return open_film(path) if is_film else ImageFrames([path])
     except TactileForgeError:
         return None
+
+
+def unread_array(path: Path) -> str:
+    """Reason against reading an array as pictures; "" for other files, and for numbers in rows."""
+    if path.suffix.lower() != ".npy":
+        return ""
+    try:
+        if load_array(path).ndim > 2:
+            StackFrames(path)
+    except DataError as error:
+        return str(error)
+    return ""

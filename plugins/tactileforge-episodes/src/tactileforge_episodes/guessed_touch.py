@@ -21,7 +21,7 @@ from tactileforge.reading import (
     touch_among,
 )
 from tactileforge_episodes.guessed_arrays import ACTIONS, FORCES, TIMES, FoundArrays, short_names
-from tactileforge_episodes.looks import Look, taxel_keys
+from tactileforge_episodes.looks import Look, is_one_picture, taxel_keys
 
 #: Attributes that say the order of channels.
 _ORDERS = (
@@ -63,9 +63,10 @@ def _given(found: FoundArrays, key: str) -> str:
     if plain not in found.looks:
         raise DataError(f"{found.name}: {unknown('key of data.touch', key, found.looks)}")
     if plain not in found.pictures and taxel_keys(found.looks[plain]) is None:
-        raise DataError(
-            f"{found.name}: data.touch: {found.looks[plain]} holds no pictures and no taxels"
-        )
+        why = "holds no pictures and no taxels"
+        if is_one_picture(found.looks[plain]):
+            why = "is one picture; save those of a recording as one array (T, H, W, 3), np.stack"
+        raise DataError(f"{found.name}: data.touch: {found.looks[plain]} {why}")
     return plain
 
 
