@@ -240,3 +240,39 @@ def test_a_table_of_no_recording_is_missing_all_the_same(tmp_path: Path) -> None
     data = Recordings(root=str(tmp_path), layouts={"own": layout})
     with pytest.raises(DataNotFoundError, match=r"no\.csv: no such CSV"):
         list(data.recordings("train"))
+
+
+def test_arrays_named_by_splits_are_held_out_so_with_their_own_forces(tmp_path: Path) -> None:
+    for split, level in (("train", 3), ("test", 5)):
+        np.save(tmp_path / f"frames_{split}.npy", np.full((20, 24, 32, 3), level, np.uint8))
+        np.save(tmp_path / f"forces_{split}.npy", np.full((20, 3), level, np.float32))
+    guess = guess_layout(tmp_path)
+    assert guess is not None
+    data = Recordings(**guess.options)
+    for split, level in (("train", 3), ("val", 5)):
+        [one] = data.recordings(split)
+        assert one.frames.read([0]).max() == level
+        assert one.force is not None
+        np.testing.assert_array_equal(one.force, np.full((20, 3), level))
+
+
+def test_a_toy_train_among_others_is_no_split(tmp_path: Path) -> None:
+    for name in ("toy_train_1", "toy_train_2", "toy_car_1", "toy_car_2"):
+        film(tmp_path / f"{name}.avi")
+    found, _ = read(tmp_path)
+    assert len({key.split("/")[0] for key in found}) == 1
+
+
+def test_the_view_of_a_scene_may_be_an_array(tmp_path: Path) -> None:
+    for number in range(2):
+        folder = tmp_path / f"trial_{number}"
+        folder.mkdir()
+        np.save(folder / "qpos.npy", np.zeros((20, 7)))
+        np.save(folder / "rgb.npy", np.full((20, 24, 32, 3), 90 + number, np.uint8))
+        for side in ("left", "right"):
+            np.save(folder / f"tactile_{side}.npy", RNG.integers(0, 255, (20, 24, 32, 3), np.uint8))
+    found, _ = read(tmp_path)
+    assert len(found) == 4
+    for key, one in found.items():
+        assert one.image is not None
+        assert one.image.read([3]).max() == 90 + int(key.split("/")[1][-1])

@@ -15,6 +15,7 @@ from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessed_numbers import named_time_unit
 from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
@@ -57,9 +58,10 @@ SENSOR = re.compile(r"(?:tactile_?)?sensor(?:_?(?:type|name|model))?")
 TEXT = re.compile(r"text|captions?|descriptions?|instructions?|language(?:_instruction)?|prompt")
 #: Words before a force that is none on the gel as it was measured.
 _ELSEWHERE = ROBOT | COMMANDS | {"max", "min", "std", "var", "bias"}
-#: Stems of arrays by what they hold: an array has no headers.
-_FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
-_TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
+#: Stems of arrays by what they hold, before the name of a split: an array has no headers.
+_SPLIT = rf"(?:[_.-](?:{'|'.join(SPLIT_OF_FOLDER)}))?"
+_FORCE_STEM = re.compile(rf"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f){_SPLIT}")
+_TIME_STEM = re.compile(rf"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t){_SPLIT}")
 #: Most tables of a family that are looked at for a value of all their rows.
 _LOOKED_AT = 50
 

@@ -17,6 +17,7 @@ from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import Units
 from tactileforge.reading.view_words import words_of
 
@@ -68,10 +69,13 @@ class Part:
             self.layout.pop(key, None)
 
     def names_it(self, stem: str) -> bool | None:
-        """Whether a name is of the sensor or side of the folder; None for a name of neither."""
+        """Whether a name is of the sensor, split or side of the folder; None for a name of none."""
         if sensor := named_sensor(self.folder):
             named = named_sensor(stem)
             return named == sensor if named else None
+        if split := SPLIT_OF_FOLDER.get(self.folder.lower()):
+            splits = {SPLIT_OF_FOLDER.get(word, "") for word in words_of(stem)} - {""}
+            return split in splits if splits else None
         sides = SIDE_NAMES & {*words_of(stem)}
         return self.side in sides if sides and self.side else None
 

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path, PurePath
 from typing import Any
 
+from tactileforge.data.frames.stacks import is_stack
 from tactileforge.reading.guessed_background import guess_background
 from tactileforge.reading.guessed_frames import boxes_of, guess_crops, guess_frames
 from tactileforge.reading.guessed_labels import (
@@ -166,7 +167,9 @@ def add_camera(part: Part, views: Sequence[Path]) -> None:
     are_stills = part.layout.get("each") == "touch"
     # of a film in images, their pattern
     places = [
-        path if are_stills or path.suffix.lower() in VIDEOS else path.parent / f"*{path.suffix}"
+        path
+        if are_stills or path.suffix.lower() in VIDEOS or is_stack(path)
+        else path.parent / f"*{path.suffix}"
         for path in views
     ]
     units = part.units

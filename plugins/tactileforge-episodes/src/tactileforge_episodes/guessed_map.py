@@ -171,10 +171,10 @@ def _unclear(found: FoundArrays, root: object) -> DataError:
     why = "no array is called touch" if found.pictures else "no array of pictures or touch"
     singles = [look for look in found.looks.values() if is_one_picture(look)]
     if singles and not found.pictures:
-        more = f" and {len(singles) - 1} more" if len(singles) > 1 else ""
+        more = f" (and {len(singles) - 1} more)" if len(singles) > 1 else ""
         return DataError(
-            f"{found.name}: {singles[0]}{more} hold one picture each; save those of a recording as "
-            "one array (T, H, W, 3): np.stack"
+            f"{found.name}: {singles[0]}{more} is one picture; save those of a recording as one "
+            "array (T, H, W, 3): np.stack"
         )
     shown = next(iter(found.pictures), "KEY")
     within = f"within: {found.within!r}, " if found.within else ""
