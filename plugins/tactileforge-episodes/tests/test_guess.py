@@ -776,3 +776,12 @@ def test_a_picture_in_each_file_is_no_recording_of_taxels(name, tmp_path):
         recognise(tmp_path)
     with pytest.raises(DataError, match="is one picture"):
         list(Episodes(str(tmp_path), touch=[name]).recordings("train"))
+
+
+def test_a_table_in_an_array_is_named_with_its_columns(tmp_path):
+    write_hdf5(tmp_path / "all.h5", {"tactile": pictures(8, 24, 32, 3, seed=0)})
+    with h5py.File(tmp_path / "all.h5", "a") as file:
+        file["ft"] = np.zeros(8, [("t", "f8"), ("fx", "f4"), ("fz", "f4")])
+    [(_, guess), *_] = recognise(tmp_path)
+    line = "ft: a table of t, fx, fz, which is not read; write each column as an array of its own"
+    assert any(line in doubt for doubt in guess.options["map"]["doubts"])
