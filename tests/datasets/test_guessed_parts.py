@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 from videos import write_video
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
+from tactileforge.errors import DataNotFoundError
 from tactileforge.reading.guessed_layout import guess_layout
 
 RNG = np.random.default_rng(0)
@@ -162,3 +164,115 @@ def test_a_table_is_of_the_sensor_in_its_name(tmp_path: Path) -> None:
         ("digit", True),
         ("gelsight_mini", False),
     }
+
+
+def table(path: Path, peak: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [f"{n / 25:.4f},0,0,{peak * n / 23:.6f}" for n in range(24)]
+    path.write_text("\n".join(["t,fx,fy,fz", *rows]) + "\n")
+
+
+def test_tables_in_sibling_folders_are_each_of_their_own_trial(tmp_path: Path) -> None:
+    for number in range(3):
+        film(tmp_path / f"trial_{number}/video/data.avi")
+        table(tmp_path / f"trial_{number}/ft/data.csv", 2 + number)
+    found, _ = read(tmp_path)
+    assert len(found) == 3
+    for key, one in found.items():
+        assert one.force is not None
+        assert one.force[-1, 2] == 2 + int(key.split("/")[1][-1])
+
+
+def test_the_table_of_one_trial_is_not_given_to_others(tmp_path: Path) -> None:
+    for day in "ab":
+        for number in range(2):
+            film(tmp_path / f"day_{day}/trial_{number}/video/data.avi")
+    for number in range(2):
+        table(tmp_path / f"day_a/trial_{number}/ft/data.csv", 2)
+    found, doubts = read(tmp_path)
+    assert len(found) == 4
+    assert all(one.force is None for one in found.values())
+    line = "force: not every recording has its day_a/{parent}/ft/{stem}.csv; left out"
+    assert line in doubts
+
+
+def counted(folder: Path, frames: int, first: int = 0, rows: int = 20) -> None:
+    """Images of a moving gel, with numbers in their names, and a table with a row of each."""
+    for number in range(frames):
+        image(folder / f"{number + first:04d}.png", 60 + 8 * number)
+    if rows:
+        lines = [f"{first + n},0,0,{n}" for n in range(rows)]
+        (folder / "ft.csv").write_text("\n".join(["frame,fx,fy,fz", *lines]) + "\n")
+
+
+@pytest.mark.parametrize("first", [0, 1, 100])
+def test_forces_after_the_last_frame_stop_nothing(first: int, tmp_path: Path) -> None:
+    for number in range(3):
+        counted(tmp_path / f"trial_{number}", 20 - number, first)
+    found, doubts = read(tmp_path)
+    assert sorted(len(one.frames) for one in found.values()) == [18, 19, 20]
+    for one in found.values():
+        assert one.force is not None
+        np.testing.assert_array_equal(one.force[:, 2], np.arange(len(one.frames)))
+    assert any("goes on after the last frame of trial_1 and 1 more" in line for line in doubts)
+
+
+def test_a_trial_without_its_table_has_no_force_and_is_named(tmp_path: Path) -> None:
+    for number in range(3):
+        counted(tmp_path / f"trial_{number}", 20, rows=0 if number == 2 else 20)
+    found, doubts = read(tmp_path)
+    has_force = {key.rpartition("/")[2]: one.force is not None for key, one in found.items()}
+    assert has_force == {"trial_0": True, "trial_1": True, "trial_2": False}
+    assert all((one.action is not None) == (one.force is not None) for one in found.values())
+    assert any("trial_2 without {file}/ft.csv" in line for line in doubts)
+
+
+def test_a_table_of_no_recording_is_missing_all_the_same(tmp_path: Path) -> None:
+    counted(tmp_path / "trial_0", 20)
+    layout = {
+        "images": "*/*.png",
+        "each": "sequence",
+        "fps": 30,
+        "sensor": "digit",
+        "background": "none",
+        "force": {"file": "{file}/no.csv", "columns": ["fx", "fy", "fz"], "partial": True},
+    }
+    data = Recordings(root=str(tmp_path), layouts={"own": layout})
+    with pytest.raises(DataNotFoundError, match=r"no\.csv: no such CSV"):
+        list(data.recordings("train"))
+
+
+def test_arrays_named_by_splits_are_held_out_so_with_their_own_forces(tmp_path: Path) -> None:
+    for split, level in (("train", 3), ("test", 5)):
+        np.save(tmp_path / f"frames_{split}.npy", np.full((20, 24, 32, 3), level, np.uint8))
+        np.save(tmp_path / f"forces_{split}.npy", np.full((20, 3), level, np.float32))
+    guess = guess_layout(tmp_path)
+    assert guess is not None
+    data = Recordings(**guess.options)
+    for split, level in (("train", 3), ("val", 5)):
+        [one] = data.recordings(split)
+        assert one.frames.read([0]).max() == level
+        assert one.force is not None
+        np.testing.assert_array_equal(one.force, np.full((20, 3), level))
+
+
+def test_a_toy_train_among_others_is_no_split(tmp_path: Path) -> None:
+    for name in ("toy_train_1", "toy_train_2", "toy_car_1", "toy_car_2"):
+        film(tmp_path / f"{name}.avi")
+    found, _ = read(tmp_path)
+    assert len({key.split("/")[0] for key in found}) == 1
+
+
+def test_the_view_of_a_scene_may_be_an_array(tmp_path: Path) -> None:
+    for number in range(2):
+        folder = tmp_path / f"trial_{number}"
+        folder.mkdir()
+        np.save(folder / "qpos.npy", np.zeros((20, 7)))
+        np.save(folder / "rgb.npy", np.full((20, 24, 32, 3), 90 + number, np.uint8))
+        for side in ("left", "right"):
+            np.save(folder / f"tactile_{side}.npy", RNG.integers(0, 255, (20, 24, 32, 3), np.uint8))
+    found, _ = read(tmp_path)
+    assert len(found) == 4
+    for key, one in found.items():
+        assert one.image is not None
+        assert one.image.read([3]).max() == 90 + int(key.split("/")[1][-1])

@@ -207,3 +207,10 @@ def test_a_film_that_is_not_read_is_named_with_its_conversion(tmp_path: Path) ->
 def test_a_path_is_not_guessed_where_that_is_said(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"data\.guess=false, and a path, which is guessed: give"):
         inspect(["inspect", str(tmp_path), "data.guess=false"])
+
+
+def test_arrays_of_one_picture_each_are_named_with_the_fix(tmp_path: Path) -> None:
+    for number in range(3):
+        np.save(tmp_path / f"{number:04d}.npy", np.zeros((40, 60, 3), np.uint8))
+    with pytest.raises(DataNotFoundError, match=r"one picture of \(40, 60, 3\).*np\.stack"):
+        recognise(tmp_path)

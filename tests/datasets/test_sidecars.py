@@ -73,8 +73,11 @@ def test_forces_times_and_names_beside_the_folders_of_a_trial(tmp_path: Path) ->
     assert not any("left out" in line or line.startswith("fps:") for line in guess.doubts)
     (tmp_path / "trial_001" / "forces.csv").unlink()
     found, guess = read(tmp_path)
-    assert "force: not every recording has its {folder}/forces.csv; left out" in guess.doubts
-    assert not [one for one in found.values() if one.force is not None]
+    assert {key for key, one in found.items() if one.force is None} == {
+        f"guessed/trial_001/{side}" for side in ("left", "right")
+    }
+    line = "force: trial_001/left and 1 more without {folder}/forces.csv get no force"
+    assert line in guess.doubts
 
 
 def test_a_table_of_forces_inside_the_folder_of_pictures(tmp_path: Path) -> None:

@@ -61,6 +61,23 @@ def test_one_gel_is_no_tiles() -> None:
     assert tiles(bars[None]) == []
 
 
+def soft(height: int, width: int) -> NDArray[np.uint8]:
+    """A gel that is lit from one side, a little, with noise."""
+    light = 100 + np.linspace(0, 8, width)[None, :, None] * [1, 0.5, -0.5]
+    return (light + RNG.normal(0, 2, (height, width, 3))).clip(0, 255).astype(np.uint8)
+
+
+def test_two_gels_of_one_kind_beside_each_other_are_seen_by_their_seam() -> None:
+    pictures = np.stack([np.concatenate([soft(96, 128), soft(96, 128)], axis=1)] * 2)
+    assert tiles(pictures) == [(0, 0, 128, 96), (128, 0, 128, 96)]
+    assert tiles(soft(96, 256)[None]) == [], "one wide gel"
+    half = soft(96, 128)
+    mirrored = np.concatenate([half, half[:, ::-1]], axis=1)
+    assert tiles(mirrored[None]) == [], "light from the middle"
+    square = np.concatenate([soft(128, 96), soft(128, 96)], axis=1)
+    assert tiles(square[None]) == [], "of no odd shape"
+
+
 def test_a_film_of_nine_sensors_is_not_taken_for_one(tmp_path: Path) -> None:
     writer = cv2.VideoWriter(
         str(tmp_path / "demo.avi"), cv2.VideoWriter.fourcc(*"FFV1"), 30, (288, 324)

@@ -748,3 +748,66 @@ def test_the_object_of_an_array_of_texts(tmp_path):
         file["object"] = "mug"
     (one,) = read(tmp_path)[0].values()
     assert one.object == "mug"
+
+
+def grouped(*groups):
+    """A touch and its force in each group, by the number of the group."""
+    arrays = {}
+    for number, group in enumerate(groups):
+        arrays[f"{group}/tactile"] = pictures(8, 24, 32, 3, seed=number)
+        arrays[f"{group}/force"] = np.full((8, 3), number, np.float32)
+    return arrays
+
+
+@pytest.mark.parametrize(
+    ("groups", "objects"),
+    [
+        (
+            ["mug/trial_0", "mug/trial_1", "can/trial_0", "can/trial_1"],
+            ["mug", "mug", "can", "can"],
+        ),
+        (["mug", "can", "box"], ["mug", "can", "box"]),
+        (["20240513_142205", "20240513_142507", "20240514_090000"], [None] * 3),
+        (["day_1/trial_0", "day_2/trial_0"], [None] * 2),
+    ],
+)
+def test_groups_of_one_file_are_recordings_each(groups, objects, tmp_path):
+    write_hdf5(tmp_path / "all.h5", grouped(*groups))
+    [(_, guess), *_] = recognise(tmp_path)
+    found, _ = read(tmp_path, map=guess.options["map"])
+    assert {key.split("/", 1)[1].rpartition("/")[0] for key in found} == {*groups}
+    for key, one in found.items():
+        number = groups.index(key.split("/", 1)[1].rpartition("/")[0])
+        assert one.object == objects[number]
+        np.testing.assert_array_equal(pixels(one), pictures(8, 24, 32, 3, seed=number))
+        np.testing.assert_array_equal(one.force, np.full((8, 3), number, np.float32))
+
+
+@pytest.mark.parametrize("groups", [["left", "right"], ["index", "thumb"], ["gsmini0", "gsmini1"]])
+def test_groups_of_sides_and_sensors_are_one_recording(groups, tmp_path):
+    write_hdf5(tmp_path / "all.h5", grouped(*groups))
+    [(_, guess), *_] = recognise(tmp_path)
+    assert "within" not in guess.options["map"]
+    assert [one["array"] for one in guess.options["map"]["touch"]] == [
+        f"{x}/tactile" for x in groups
+    ]
+
+
+@pytest.mark.parametrize("name", ["image", "tactile"])
+def test_a_picture_in_each_file_is_no_recording_of_taxels(name, tmp_path):
+    for number in range(3):
+        picture = pictures(1, 40, 60, 3, seed=number)[0]
+        write_npz(tmp_path / f"{number:04d}.npz", {name: picture, "force": np.zeros(3)})
+    with pytest.raises(DataNotFoundError, match=rf"{name} uint8 \(40, 60, 3\) .*np\.stack"):
+        recognise(tmp_path)
+    with pytest.raises(DataError, match="is one picture"):
+        list(Episodes(str(tmp_path), touch=[name]).recordings("train"))
+
+
+def test_a_table_in_an_array_is_named_with_its_columns(tmp_path):
+    write_hdf5(tmp_path / "all.h5", {"tactile": pictures(8, 24, 32, 3, seed=0)})
+    with h5py.File(tmp_path / "all.h5", "a") as file:
+        file["ft"] = np.zeros(8, [("t", "f8"), ("fx", "f4"), ("fz", "f4")])
+    [(_, guess), *_] = recognise(tmp_path)
+    line = "ft: a table of t, fx, fz, which is not read; write each column as an array of its own"
+    assert any(line in doubt for doubt in guess.options["map"]["doubts"])

@@ -53,6 +53,7 @@ from tactileforge.reading.reader import LayoutReader as LayoutReader
 from tactileforge.reading.records import flat as flat
 from tactileforge.reading.sensor_names import guess_sensor as guess_sensor
 from tactileforge.reading.sheets import rows_of_arrays as rows_of_arrays
+from tactileforge.reading.sides import SIDE_NAMES as SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER as SPLIT_OF_FOLDER
 from tactileforge.reading.splits import check_share as check_share
 from tactileforge.reading.splits import check_split as check_split

@@ -229,7 +229,8 @@ def _numbered(
 ) -> Mapping[int, Row] | None:
     """Rows by frame of a table with the numbers in the names of images; None if it counts images.
 
-    Rows of numbers between those of the first and last image are of dropped frames, and left out.
+    Rows of numbers between those of the first and last image are of dropped frames, and left out;
+    so are those after the last of a table with `partial`.
     """
     assert table.frame is not None
     numbers, counts = frame_numbers(stems), range(len(stems))
@@ -242,7 +243,8 @@ def _numbered(
     if len(written) < len(rows):  # no numbers, or one twice: `read_force` and the like name it
         return None
     is_counted = all(number in counts for number in written)
-    wrong = [number for number in written if not numbers[0] <= number <= numbers[-1]]
+    last = max(written) if table.partial and written else numbers[-1]
+    wrong = [number for number in written if not numbers[0] <= number <= last]
     if wrong and not is_counted:
         raise DataError(
             f"{written[wrong[0]][0]}: frame {wrong[0]} does not exist, names of images have "

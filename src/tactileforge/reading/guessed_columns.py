@@ -16,6 +16,7 @@ from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.force_headers import FORCE, axes_of_force, axis_of, is_alone, is_elsewhere
 from tactileforge.reading.guessed_numbers import named_time_unit
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
@@ -60,9 +61,10 @@ _SOME_FORCE = re.compile(
     rf"(?:.*[\W_\d])?(?:\w*{FORCE}|f[_ ]?\d|f[_ ]?(?:t|tot|total|res|abs|mag|norm|sum|shear))"
     r"(?![^\W\d_]).*|load(?![^\W\d_]).*|\|f\|"
 )
-#: Stems of arrays by what they hold: an array has no headers.
-_FORCE_STEM = re.compile(r"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f)")
-_TIME_STEM = re.compile(r"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t)")
+#: Stems of arrays by what they hold, before the name of a split: an array has no headers.
+_SPLIT = rf"(?:[_.-](?:{'|'.join(SPLIT_OF_FOLDER)}))?"
+_FORCE_STEM = re.compile(rf"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|f){_SPLIT}")
+_TIME_STEM = re.compile(rf"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t){_SPLIT}")
 #: Most tables of a family that are looked at for a value of all their rows.
 _LOOKED_AT = 50
 

@@ -19,7 +19,7 @@ from tactileforge.reading.records import conversion, sheets
 from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
-from tactileforge.reading.view_words import scenes
+from tactileforge.reading.view_words import scenes, words_of
 
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
@@ -110,7 +110,18 @@ def _by_sensors(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
     named: dict[str, list[Path]] = {}
     for path in media:
         named.setdefault(named_sensor(path.stem), []).append(path)
-    return named if len(named.keys() - {""}) > 1 else {"": list(media)}
+    return named if len(named.keys() - {""}) > 1 else _by_splits(media)
+
+
+def _by_splits(media: Sequence[Path]) -> dict[str, list[Path]]:
+    """Files by the word of a split that each has in its name (``X_test.npy``); or all of them."""
+    named: dict[str, list[Path]] = {}
+    for path in media:
+        words = [word for word in words_of(path.stem) if word in SPLIT_OF_FOLDER]
+        if len(words) != 1:
+            return {"": list(media)}
+        named.setdefault(words[0], []).append(path)
+    return named if len({SPLIT_OF_FOLDER[word] for word in named}) > 1 else {"": list(media)}
 
 
 def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[str, list[Path]]:

@@ -18,6 +18,7 @@ from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import Units
 from tactileforge.reading.view_words import DERIVED, says_touch, words_of
 
@@ -67,6 +68,11 @@ class Part:
         """The recordings, by the known keys."""
         return units_of(self.root, self.media, self.layout)
 
+    @property
+    def assumes_rate(self) -> bool:
+        """Whether nothing tells the rate of the frames."""
+        return any(line.startswith(f"fps: {ASSUMED_FPS} is assumed") for line in self.doubts)
+
     def forget(self, *keys: str) -> None:
         """Drops keys that something else tells better, and the lines about them."""
         self.doubts[:] = [line for line in self.doubts if line.partition(":")[0] not in keys]
@@ -74,10 +80,13 @@ class Part:
             self.layout.pop(key, None)
 
     def names_it(self, stem: str) -> bool | None:
-        """Whether a name is of the sensor or side of the folder; None for a name of neither."""
+        """Whether a name is of the sensor, split or side of the folder; None for a name of none."""
         if sensor := named_sensor(self.folder):
             named = named_sensor(stem)
             return named == sensor if named else None
+        if split := SPLIT_OF_FOLDER.get(self.folder.lower()):
+            splits = {SPLIT_OF_FOLDER.get(word, "") for word in words_of(stem)} - {""}
+            return split in splits if splits else None
         sides = SIDE_NAMES & {*words_of(stem)}
         return self.side in sides if sides and self.side else None
 

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path, PurePath
 from typing import Any
 
+from tactileforge.data.frames.stacks import is_stack
 from tactileforge.reading.guessed_background import guess_background
 from tactileforge.reading.guessed_frames import boxes_of, guess_crops, guess_frames, guess_white
 from tactileforge.reading.guessed_labels import (
@@ -19,6 +20,7 @@ from tactileforge.reading.guessed_labels import (
 )
 from tactileforge.reading.guessed_media import VIDEOS, Part, names_still, of_endings, open_media
 from tactileforge.reading.guessed_patterns import pattern_of
+from tactileforge.reading.guessed_rate import guess_rate
 from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times, guess_tracks
 from tactileforge.reading.records import RECORDS, sheets
 from tactileforge.reading.sensor_names import guess_sensor, named_sensor
@@ -74,6 +76,8 @@ def guess_part(part: Part) -> None:
     if times:
         part.forget("fps")
     layout |= times | _background(part) | force
+    if force and part.assumes_rate and "recording" not in layout:
+        guess_rate(part, of_force[0], force["force"])
     if "sensor" in labels:
         part.forget("sensor")
     layout |= labels
@@ -205,7 +209,7 @@ def _places(part: Part, views: Sequence[Path]) -> list[Path]:
         folders.setdefault((path.parent, path.suffix), []).append(path)
     found = []
     for (folder, ending), paths in folders.items():
-        if ending.lower() in VIDEOS:
+        if ending.lower() in VIDEOS or is_stack(paths[0]):
             found += paths
         else:
             found.append(folder / (names_of(paths) if folder in touches else f"*{ending}"))

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
+from tactileforge.errors import TactileForgeError
 from tactileforge.reading.force_headers import axis_of
 from tactileforge.reading.guessed_columns import (
+    FRAME,
     OBJECT,
     SENSOR,
     TEXT,
@@ -37,6 +40,7 @@ from tactileforge.reading.guessed_numbers import (
     likely_unit,
     named_time_unit,
 )
+from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.series import series_of
 from tactileforge.reading.table_families import (
     RECORDING,
@@ -44,16 +48,21 @@ from tactileforge.reading.table_families import (
     Units,
     is_for_all,
     recordings,
+    table_of,
+    without_table,
 )
+from tactileforge.reading.tables import read_cells, whole
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
 from tactileforge.reading.written_names import by_ends
 from tactileforge.util.untrusted import dump_yaml
 
+#: Most tables that are looked at for rows after the last frame.
+_LOOKED_AT = 500
 #: Units in names of files: a single letter may be anything there.
 _FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
-#: Ratio of durations up to which two clocks have one unit.
-_AS_LONG = 2.5
+#: Ratios of the durations of forces and frames for one unit; the rate of frames may be assumed.
+_AS_LONG = 0.4, 10.0
 
 
 def guess_apart(
@@ -165,11 +174,13 @@ def guess_force(
         units: The recordings, with what is known of their times.
         doubts: Lines, added to.
     """
-    for family in found:
+    # tables of most recordings, where none are of all
+    lacking = {id(family): without_table(family, units) for family in found}
+    for family in sorted(found, key=lambda family: bool(lacking[id(family)])):
         columns = force_columns(family)
         if columns[2] is None:
             continue
-        if not is_for_all(family, units):
+        if not (is_for_all(family, units) or lacking[id(family)]):
             if family.is_own:
                 doubts.append(f"force: not every recording has its {family.template}; left out")
             continue
@@ -202,6 +213,7 @@ def guess_force(
                 f"{', '.join(str(name) for name in columns if name)}"
             )
         table = {"file": family.template, "columns": columns, **clock}
+        table |= _partial(family, lacking[id(family)], clock, units, doubts)
         table |= {} if unit == "N" else {"unit": unit}
         said = "newton" if unit == "N" else unit
         if columns[2]:
@@ -291,6 +303,43 @@ def pasted(table: Mapping[str, Any]) -> str:
     return dump_yaml({"force": table}, default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
+def _partial(
+    family: Family,
+    lacking: Sequence[Sequence[str]],
+    clock: Mapping[str, Any],
+    units: Units,
+    doubts: list[str],
+) -> dict[str, Any]:
+    """Key of tables that some recordings lack, or that go on after their last frame."""
+    if lacking:
+        more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
+        doubts.append(f"force: {'/'.join(lacking[0])}{more} without {family.template} get no force")
+    longer = [unit for unit, rows in _beyond(family, clock, units) if rows]
+    if longer:
+        more = f" and {len(longer) - 1} more" if len(longer) > 1 else ""
+        doubts.append(
+            f"force: {family.template} goes on after the last frame of {longer[0]}{more}; the "
+            "last frames are taken to be lost"
+        )
+    return {"partial": True} if lacking or longer else {}
+
+
+def _beyond(family: Family, clock: Mapping[str, Any], units: Units) -> Iterator[tuple[str, int]]:
+    """Recordings with the number of rows of frames after their last one."""
+    frame = clock.get("frame", None if clock else family.column(FRAME))
+    if not frame or units.each != "sequence" or not family.is_own or "*" in family.template:
+        return
+    for unit, files in islice(units.files.items(), _LOOKED_AT):
+        try:
+            rows = read_cells(units.root / table_of(family, unit, units), [frame])
+            numbers = frame_numbers([path.stem for path in files]) or range(len(files))
+            beyond = [int(whole(cells[frame])) > numbers[-1] for _, cells in rows]
+            more = sum(beyond) if clock else len(rows) - len(files)
+        except (TactileForgeError, ValueError):  # the reader names it
+            continue
+        yield "/".join(unit), max(0, more)
+
+
 def _unit_of_file(stem: str) -> str:
     """The unit of force in the name of a file, but for a single letter; "" for none."""
     words = _FILE_UNIT.search(stem.lower())
@@ -347,7 +396,7 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
     units_that_fit = [
         unit
         for unit, seconds in UNITS.items()
-        if 1 / _AS_LONG < span * seconds / max(units.seconds, 1e-9) < _AS_LONG
+        if _AS_LONG[0] < span * seconds / max(units.seconds, 1e-9) < _AS_LONG[1]
     ]
     unit = named_time_unit(time) or [*units_that_fit, "s"][0]
     if unit == "s":

@@ -128,7 +128,7 @@ class FrameTable:
         start: Where the clock of the rows meets that of the frames: ``first_row``, ``contact``, the
             time of the first frame as a number of `time`, or a column of the labels with that
             number in braces; None for rows since the first frame, or frames with dates too.
-        partial: Whether rows may cover a part of the recording, or exceed it; False.
+        partial: Whether rows may cover a part of the recording or exceed it, or be missing; False.
     """
 
     file: str

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,6 +205,11 @@ class LayoutReader:
         felt_by = [self.layout.sensor, *(tile.sensor for tile in self.layout.crops.values())]
         sensor = self._sensor(next(name for name in felt_by if name), touch)
         note = partial(self._doubt, touch)
+        path = touch.path(self.folder, table.file)
+        named = re.sub(r"\{.*?\}", "*", PurePosixPath(table.file).name)
+        if table.partial and not path.exists() and any(self.folder.rglob(named)):
+            note(f"has no force: there is no {path.relative_to(self.folder)}")
+            return None
         return self._tables.force(table, touch, note, clock, sensor, change)
 
     def _tracked(self, recording: Recording, touch: LayoutTouch, crop: str) -> Recording:
@@ -223,8 +229,8 @@ class LayoutReader:
         action = self.layout.action
         if action is None:
             return None
-        if action == "force" and force is not None:
-            return label_actions(times, force)
+        if action == "force":
+            return None if force is None else label_actions(times, force)
         if isinstance(action, FrameTable):
             return self._tables.actions(action, touch, partial(self._doubt, touch), len(times))
         actions = np.full(len(times), -1, np.int64)

@@ -183,7 +183,7 @@ class _Places:
         self.units = units
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
-        self._stem: dict[str, Parts] = {}
+        self._near: dict[tuple[Parts, str], Parts] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
@@ -192,7 +192,8 @@ class _Places:
             stem = self._name(parts)
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
-            self._stem.setdefault(stem, parts)
+            for depth in range(len(parts)):
+                self._near.setdefault((parts[:depth], stem), parts)
             for mark in _MARKS if len(parts) > 1 else "":
                 self._joint.setdefault(f"{parts[-2]}{mark}{stem}", parts)
             self._inside.setdefault(parts[:-1], []).append(parts)
@@ -222,7 +223,8 @@ class _Places:
         unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
-            unit = max(beside, key=len, default=None) or self._stem.get(stem)
+            near = (self._near.get((folder[:i], stem)) for i in range(len(folder), -1, -1))
+            unit = max(beside, key=len, default=None) or next(filter(None, near), None)
             unit = unit or self._joint.get(stem)
         prefix = name_prefix(stem)
         if unit is None and self.units.each == "video" and prefix:
@@ -269,12 +271,21 @@ def _filled(family: Family, units: Units) -> Iterator[bool]:
         there = {
             f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
         }
+    above = family.template.split("/")[:-1]
+    # folders of one recording in a template are of no other
+    own = [(i, name) for i, name in enumerate(above) if family.unit[i : i + 1] == (name,)]
     for unit in units.files:
-        padded = ("", "", *unit)
-        stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
-        name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
-        name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
-        yield name.replace("{parent}", padded[-3]) in there
+        is_own = all(unit[i : i + 1] == (name,) for i, name in own)
+        yield is_own and table_of(family, unit, units) in there
+
+
+def table_of(family: Family, unit: Parts, units: Units) -> str:
+    """Path of the table of a recording from the root, by the template of its family."""
+    padded = ("", "", *unit)
+    stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
+    name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
+    name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
+    return name.replace("{parent}", padded[-3])
 
 
 def is_for_all(family: Family, units: Units) -> bool:
@@ -283,6 +294,21 @@ def is_for_all(family: Family, units: Units) -> bool:
         return all(_filled(family, units))
     names = {PurePath(unit[-1]).stem.lower() for unit in units.files if unit}
     return bool(family.key or family.apart) or len(units.files) == 1 or names <= SIDE_NAMES
+
+
+def without_table(family: Family, units: Units) -> list[Parts]:
+    """The recordings without a table, where most have one of their own; [] for other families."""
+    if not family.is_own or "*" in family.template:
+        return []
+    lacking = [
+        unit for unit, has in zip(units.files, _filled(family, units), strict=True) if not has
+    ]
+    if 2 * len(lacking) >= len(units.files):
+        return []
+    # a table of another recording in its place is none of its own
+    return (
+        [] if any((units.root / table_of(family, x, units)).exists() for x in lacking) else lacking
+    )
 
 
 def recordings(units: Units) -> list[str]:

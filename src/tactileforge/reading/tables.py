@@ -229,6 +229,8 @@ def _per_frame(
             frame = int(text)
         except ValueError:
             raise DataError(f"{where}: frame {text!r} is not a whole number; correct it") from None
+        if frame >= count and table.partial and not (table.frame and frame == count == len(rows)):
+            continue
         if frame >= count and table.frame is None:
             raise DataError(
                 f"{where}: a row for each frame, and there are {count} frames: is one missing? "
@@ -242,7 +244,8 @@ def _per_frame(
                     "the rows count from 1: leave frame: out, and each is of a frame in turn"
                     if frame == count == len(rows)
                     else "give the CSV of this recording, or correct the numbers if they begin "
-                    "elsewhere; of one table for all images, give key: the column of their names"
+                    "elsewhere; of one table for all images, give key: the column of their names; "
+                    "if forces go on after the last frame, say partial: true"
                 )
             )
         if frame in seen:

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 #: Of pictures that are put together: grey levels across an edge, shares of pixels along an edge
 #: between parts and along usual ones, and the most parts in a row or column.
 _EDGE, _MOST_OF, _FEW, _MOST_TILES = 12, 0.7, 0.3, 4
+#: Of two gels of one kind beside each other: width over height, the step at their seam over those
+#: elsewhere, and the correlation of their halves.
+_WIDE, _SEAM, _ALIKE = 2.4, 1.5, 0.8
 #: Left, top, width and height, pixels.
 Box: TypeAlias = tuple[int, int, int, int]
 
@@ -32,6 +35,8 @@ def tiles(pictures: NDArray[np.uint8]) -> list[Box]:
         for axis in (1, 2)
     )
     rows, columns = _parts_of(down, height), _parts_of(across, width)
+    if rows * columns == 1 and width >= _WIDE * height and _are_alike(pictures):
+        columns = 2
     if rows * columns == 1:
         return []
     # rows that are dark but for letters
@@ -48,6 +53,17 @@ def tiles(pictures: NDArray[np.uint8]) -> list[Box]:
             for column in range(columns)
         ]
     return out
+
+
+def _are_alike(pictures: NDArray[np.uint8]) -> bool:
+    """Whether the halves of wide pictures are of two gels of one kind, that meet in a seam."""
+    # over all lines, where marks and noise are gone
+    lines = pictures[:, :, : pictures.shape[2] // 2 * 2].mean((0, 1), dtype=np.float64)
+    steps = np.abs(np.diff(lines, axis=0)).max(-1)
+    seam = len(steps) // 2
+    left, right = (half - half.mean(0) for half in np.split(lines, 2))
+    alike = float((left * right).sum() / max(np.sqrt((left**2).sum() * (right**2).sum()), 1e-9))
+    return bool(steps[seam] > _SEAM * np.quantile(steps, 0.95) and alike > _ALIKE)
 
 
 def _parts_of(edges: NDArray[np.float64], size: int) -> int:

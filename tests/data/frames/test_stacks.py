@@ -94,3 +94,12 @@ def test_several_pictures_are_no_single_image(tmp_path: Path, name: str, fix: st
     path = save(tmp_path / name)
     with pytest.raises(DataError, match=f"{name}: 6 pictures in one file; {fix}"):
         ImageFrames([path])
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_one_picture_is_no_stack_of_narrow_ones(tmp_path: Path, channels: int) -> None:
+    np.save(tmp_path / "0.npy", np.zeros((24, 32, channels), np.uint8))
+    with pytest.raises(DataError, match=r"one picture of \(24, 32, .*np\.stack"):
+        StackFrames(tmp_path / "0.npy")
+    np.save(tmp_path / "0.npy", np.zeros((24, 32, 17), np.uint8))
+    assert len(StackFrames(tmp_path / "0.npy")) == 24

@@ -80,7 +80,7 @@ def test_another_zero_or_rate_is_named(rows: NDArray[np.float64], words: str) ->
 def test_a_rate_that_would_fit_is_named() -> None:
     found = misfit(ROWS * 2, FRAMES)
     assert found is not None
-    assert found.fix == "100 rows a second would fit"
+    assert found.fix == "100 rows a second would fit, or fps: 15.1"
     assert misfit(ROWS * 2, FRAMES, partial=True) is None, "who says so is believed"
     assert misfit(ROWS * 1000, FRAMES, partial=True) is not None, "but not with another unit"
 

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge.reading import FINGERS, VIEWS, says_touch, words_of
+from tactileforge.reading import (
+    DERIVED,
+    FINGERS,
+    ROBOT,
+    SIDE_NAMES,
+    VIEWS,
+    says_scene,
+    says_touch,
+    words_of,
+)
 from tactileforge_episodes.looks import Arrays, Look
 from tactileforge_episodes.names import natural
 
@@ -41,7 +50,7 @@ def find_groups(keys: Sequence[str]) -> tuple[str, str]:
         >>> find_groups(["data/demo_0/obs/x", "data/demo_0/actions", "mask/train"])
         ('data/demo_{number#}', 'data/demo_0')
     """
-    found: dict[str, dict[str, int]] = {}
+    found: dict[str, dict[str, set[str]]] = {}
     for key in keys:
         parts = key.split("/")
         for depth in range(min(_DEEPEST, len(parts) - 1)):
@@ -55,15 +64,74 @@ def find_groups(keys: Sequence[str]) -> tuple[str, str]:
             split = depth > 0 and parts[depth - 1] in sum(SPLITS.values(), ())
             above = [*parts[: depth - 1], "{split}"] if split else parts[:depth]
             template = "/".join([*above, fits[1] + "{number#}"])
-            counts = found.setdefault(template, {})
             group = "/".join(parts[: depth + 1])
-            counts[group] = counts.get(group, 0) + 1
+            inside = found.setdefault(template, {}).setdefault(group, set())
+            inside.add("/".join(parts[depth + 1 :]))
             break
-    template = max(found, key=lambda one: sum(found[one].values()), default="")
-    if not template or 2 * sum(found[template].values()) < len(keys) or template.count("{") > 2:
+    found = _joined(found)
+    template = max(found, key=lambda one: _count(found[one]), default="")
+    if not template:
+        return _alike(keys)
+    groups = found[template]
+    if 2 * _count(groups) < len(keys) or template.count("{") > 2:
         return "", ""
-    counts = found[template]
-    return template, min(counts, key=lambda group: (-counts[group], natural(group)))
+    return template, min(groups, key=lambda group: (-len(groups[group]), natural(group)))
+
+
+def _count(groups: Mapping[str, set[str]]) -> int:
+    """Number of arrays of groups."""
+    return sum(map(len, groups.values()))
+
+
+def _joined(found: Mapping[str, dict[str, set[str]]]) -> dict[str, dict[str, set[str]]]:
+    """Templates, those as one that differ in the name of one group above: of an object, say."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for template in found:
+        *above, last = template.split("/")
+        for place in range(len(above)):
+            alike.setdefault((*above[:place], "", *above[place + 1 :], last), []).append(template)
+    out = dict(found)
+    for parts, templates in alike.items():
+        names = [one.split("/")[parts.index("")] for one in templates]
+        held = [max(found[one].values(), key=len) for one in templates]
+        is_left = all(one in out for one in templates)
+        if is_left and held.count(held[0]) == len(held) > 1 and _may_be_episodes(names):
+            joint = "/".join(part or _placeholder(names) for part in parts)
+            out[joint] = {group: own for one in templates for group, own in out.pop(one).items()}
+    return out
+
+
+def _alike(keys: Sequence[str]) -> tuple[str, str]:
+    """Template of groups that hold the same arrays, with touch among them; "" for none."""
+    inside: dict[str, set[str]] = {}
+    for key in keys:
+        group, _, rest = key.partition("/")
+        inside.setdefault(group, set()).add(rest)
+    names = sorted(inside, key=natural)
+    held = inside[names[0]] if names else set()
+    if len(names) < 2 or "" in held or any(own != held for own in inside.values()):
+        return "", ""
+    if not any(says_touch(words_of(rest)) for rest in held) or not _may_be_episodes(names):
+        return "", ""
+    return _placeholder(names), names[0]
+
+
+def _may_be_episodes(names: Sequence[str]) -> bool:
+    """Whether groups may be recordings or objects: no sensors, sides or parts of a robot."""
+    words = {word for name in names for word in words_of(name)}
+    parts = FINGERS | VIEWS | SIDE_NAMES | ROBOT | DERIVED
+    return parts.isdisjoint(words) and not any(
+        says_touch(words_of(name)) or says_scene(words_of(name)) for name in names
+    )
+
+
+def _placeholder(names: Sequence[str]) -> str:
+    """Placeholder of groups: of splits, or of objects, where their names count nothing."""
+    if {name.lower() for name in names} <= {word for words in SPLITS.values() for word in words}:
+        return "{split}"
+    words = {word for name in names for word in words_of(name)}
+    is_counted = any(word.isdecimal() for word in words) or not _EPISODE.isdisjoint(words)
+    return "{group}" if is_counted else "{object}"
 
 
 def find_splits(keys: Sequence[str]) -> dict[str, str]:

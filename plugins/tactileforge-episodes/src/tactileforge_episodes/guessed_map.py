@@ -14,7 +14,7 @@ from tactileforge_episodes.guessed_arrays import ACTIONS, FORCES, FoundArrays, s
 from tactileforge_episodes.guessed_forces import guess_forces
 from tactileforge_episodes.guessed_times import guess_times
 from tactileforge_episodes.guessed_touch import guess_camera, guess_touch
-from tactileforge_episodes.looks import Look
+from tactileforge_episodes.looks import Look, is_one_picture
 
 _STATES = {"state", "states", "qpos", "proprio", "proprioception"}
 _BODY = ROBOT | {"hand", "pose", "robot0"}
@@ -78,13 +78,22 @@ def guess_map(
 def _episodes(found: FoundArrays, rows: int) -> dict[str, Any]:
     """Keys of where episodes are."""
     if not found.within:
-        keys = find_ends(found, [*found.looks.values()], rows)
-        found.used |= {keys["ends"]} if keys else set()
-        return keys
+        ends = find_ends(found, [*found.looks.values()], rows)
+        found.used |= {ends["ends"]} if ends else set()
+        return ends
     splits = find_splits(found.every)
     if splits:
         found.doubts.append(f"splits: as {' and '.join(splits.values())} of the file say")
-    return {"within": found.within} | ({"splits": splits} if splits else {})
+    keys: dict[str, Any] = {"within": found.within} | ({"splits": splits} if splits else {})
+    if "{number" not in found.within:
+        found.doubts.append(
+            f"within: groups {found.within} hold the same arrays, and are taken for a recording "
+            "each; if they are sensors of one, name these in a map (data.map)"
+        )
+    if "{object}" in found.within:
+        found.doubts.append(f"object: named by the group, {found.within}")
+        keys["object"] = "{object}"
+    return keys
 
 
 def _numbers(found: FoundArrays, rows: int) -> dict[str, Any]:
@@ -160,6 +169,13 @@ def _problem(found: FoundArrays) -> dict[str, Any]:
 def _unclear(found: FoundArrays, root: object) -> DataError:
     """Error with a list of the arrays, and the words to type."""
     why = "no array is called touch" if found.pictures else "no array of pictures or touch"
+    singles = [look for look in found.looks.values() if is_one_picture(look)]
+    if singles and not found.pictures:
+        more = f" (and {len(singles) - 1} more)" if len(singles) > 1 else ""
+        return DataError(
+            f"{found.name}: {singles[0]}{more} is one picture; save those of a recording as one "
+            "array (T, H, W, 3): np.stack"
+        )
     shown = next(iter(found.pictures), "KEY")
     within = f"within: {found.within!r}, " if found.within else ""
     filled = f"{{about: mine, {within}touch: [{{array: {shown!r}, sensor: digit}}], fps: 30}}"

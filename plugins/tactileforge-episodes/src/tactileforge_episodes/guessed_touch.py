@@ -21,7 +21,7 @@ from tactileforge.reading import (
     touch_among,
 )
 from tactileforge_episodes.guessed_arrays import ACTIONS, FORCES, TIMES, FoundArrays, short_names
-from tactileforge_episodes.looks import Look, deep_keys, taxel_keys
+from tactileforge_episodes.looks import Look, deep_keys, is_one_picture, taxel_keys
 
 #: Attributes that say the order of channels.
 _ORDERS = (
@@ -65,9 +65,10 @@ def _given(found: FoundArrays, key: str) -> str:
     if is_deep(found.looks[plain].facts.dtype) and (keys := deep_keys(found, found.looks[plain])):
         found.pictures[plain] = keys
     if plain not in found.pictures and taxel_keys(found.looks[plain]) is None:
-        raise DataError(
-            f"{found.name}: data.touch: {found.looks[plain]} holds no pictures and no taxels"
-        )
+        why = "holds no pictures and no taxels"
+        if is_one_picture(found.looks[plain]):
+            why = "is one picture; save those of a recording as one array (T, H, W, 3), np.stack"
+        raise DataError(f"{found.name}: data.touch: {found.looks[plain]} {why}")
     return plain
 
 

@@ -105,7 +105,12 @@ class HdfFile(ArrayFile):
             raise self._wrong(key, "its values lie in another file, which is not opened")
         self._check_filters(key, found)
         dtype = np.dtype(object) if found.dtype.hasobject else found.dtype
-        if found.dtype.names or dtype.kind not in "biufSUO":
+        if names := found.dtype.names:
+            raise DataError(
+                f"{self.name}, {key}: a table of {', '.join(names[:8])}, which is not read; write "
+                "each column as an array of its own"
+            )
+        if dtype.kind not in "biufSUO":
             raise self._wrong(key, f"of type {found.dtype}")
         if found.shape is None:
             raise self._wrong(key, "an array without values")

@@ -20,6 +20,8 @@ _IMAGES = (
 _SIDE, _LONG_SIDE = 8, 16
 #: Fewest pixels of a side of pictures of 16 bits: smaller ones are numbers of taxels.
 _DEEP_SIDE = 64
+#: Smallest side of a single picture: tables of points with three values are narrower.
+_ONE_SIDE = 32
 #: Most sensors along the second axis of an array.
 _PADS = 16
 
@@ -144,10 +146,21 @@ def _some(rows: int) -> list[int]:
     return sorted({0, rows // 2, rows - 1})
 
 
+def is_one_picture(look: Look) -> bool:
+    """Whether an array is a single picture with channels: its rows are no frames."""
+    shape = look.facts.shape
+    return (
+        look.facts.dtype == np.uint8
+        and len(shape) == 3
+        and shape[2] in (1, 3, 4)
+        and min(shape[:2]) >= _ONE_SIDE
+    )
+
+
 def taxel_keys(look: Look) -> dict[str, Any] | None:
     """Keys of a map to read an array as numbers of taxels; None for other values."""
     width = look.width
-    if not look.is_numbers or not look.facts.rows or 0 in width:
+    if not look.is_numbers or not look.facts.rows or 0 in width or is_one_picture(look):
         return None
     if len(width) == 1 and width[0] > 1:
         return {"taxels": {"form": "flat"}}

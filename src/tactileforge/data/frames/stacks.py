@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from PIL import Image
 
 _TIFF = frozenset({".tif", ".tiff"})
+#: Smallest side of a picture: an array with a last axis of colours is one picture, not a stack.
+_SIDE = 16
 #: Endings of files that may hold a stack.
 STACK_SUFFIXES = _TIFF | {".npy"}
 
@@ -109,6 +111,11 @@ class StackFrames(Cropped):
         if array.dtype != np.uint8 and not (self.white and is_deep(array.dtype)):
             fix = ", or give its layout the value of white" if is_deep(array.dtype) else ""
             raise DataError(f"{self.path}: {array.dtype} values{value_fix(array[:1])}{fix}")
+        if array.ndim == 3 and array.shape[-1] in (1, 3, 4) and min(array.shape[:2]) >= _SIDE:
+            raise DataError(
+                f"{self.path}: one picture of {array.shape}, where a stack is (T, H, W, 3): save "
+                "the pictures of a recording as one array (np.stack), or each as a PNG"
+            )
         colours = array.ndim == 4 and array.shape[-1] in (1, 3)
         if not (colours or array.ndim == 3) or 0 in array.shape:
             raise DataError(

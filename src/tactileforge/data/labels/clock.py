@@ -323,9 +323,10 @@ def _rate(rows: NDArray[np.float64], frames: NDArray[np.float64]) -> Misfit | No
             times = f"{steps:.3g} times"
         if times:
             rate = (len(rows) - 1) / span
+            fps = len(frames) / (length + float(np.median(np.diff(rows))))
             return Misfit(
                 f"{spans}, {times} as long: is the rate or unit another one?",
-                f"{rate:.3g} rows a second would fit",
+                f"{rate:.3g} rows a second would fit, or fps: {fps:.3g}",
                 doubtful=True,
             )
     elif abs(length / span - 1) <= _START and abs(late) > _SHIFT * span:
