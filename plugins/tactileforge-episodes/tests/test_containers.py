@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import zarr
 from made_episodes import open_x_tactile, pictures, tarred, univtac, write_hdf5, write_zarr, zipped
-from tactileforge_episodes.arrays import KEPT, Kept
 from tactileforge_episodes.dataset import Episodes
+from tactileforge_episodes.kept import KEPT, Kept
 from tactileforge_episodes.members import FolderMembers, TarMembers, ZipMembers
 from tactileforge_episodes.places import Place, find_places, open_place
 

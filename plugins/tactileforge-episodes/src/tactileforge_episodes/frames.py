@@ -1,8 +1,8 @@
-"""Lazy frames of arrays of pictures and of encoded images."""
+"""Frames of arrays, as a map describes them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from tactileforge.contracts import Frames
 from tactileforge.data import EncodedFrames, LazyImages, is_deep, pixels_of
 from tactileforge.errors import DataError
-from tactileforge_episodes.arrays import ArrayView
 from tactileforge_episodes.map_keys import PictureKeys
 from tactileforge_episodes.refs import ArrayRef
+from tactileforge_episodes.shown import check_frames, encoded_image, is_encoded
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def open_pictures(
     if is_encoded(ref):
         is_bgr = (keys.encoded or keys.channels) == "bgr"
         return EncodedFrames(
-            str(ref), LazyImages(len(rows), partial(_image, ref, rows)), bgr=is_bgr
+            str(ref), LazyImages(len(rows), partial(encoded_image, ref, rows)), bgr=is_bgr
         )
     sizes = facts.shape[1 if pad is None else 2 :]
     sizes = (*sizes, 1) if keys.axes == "hw" else sizes
@@ -148,66 +148,3 @@ def check_stored(ref: ArrayRef, rows: range) -> None:
             f"{ref}: {len(lost)} of {len(rows)} pictures, the first of row {lost[0]}, lie in a "
             "chunk that is missing; download it again"
         )
-
-
-def pictures_of(values: ArrayView) -> Frames | None:
-    """Pictures of an array, taken to be RGB; None for other values.
-
-    Args:
-        values: The array.
-    """
-    shape, count = values.facts.shape, values.facts.rows
-    if values.facts.dtype == np.uint8 and len(shape) == 4 and shape[3] == 3:
-        return ArrayFrames(str(values), values.rows, shape)
-    if is_encoded(values):
-        return EncodedFrames(str(values), LazyImages(count, partial(_image, values, range(count))))
-    return None
-
-
-@dataclass(frozen=True)
-class ArrayFrames:
-    """All rows of an array of pictures.
-
-    Attributes:
-        name: Name of the array, for messages.
-        rows: Function from numbers of rows to them.
-        sizes: Shape of the array, (T, H, W, 3).
-    """
-
-    name: str
-    rows: Callable[[Sequence[int]], NDArray[np.uint8]]
-    sizes: tuple[int, ...]
-
-    def __len__(self) -> int:
-        return self.sizes[0]
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width."""
-        return self.sizes[1], self.sizes[2]
-
-    def read(self, indices: Sequence[int]) -> NDArray[np.uint8]:
-        """Reads pictures; see `contracts.Frames.read`."""
-        check_frames(indices, len(self), self.name)
-        return self.rows(indices)
-
-
-def _image(ref: ArrayRef | ArrayView, rows: range, i: int) -> bytes:
-    """Bytes of an encoded image: those of a cell, or of a row with zeros after their end."""
-    cell = ref.rows([rows[i]])[0]
-    if isinstance(cell, str):
-        raise DataError(f"{ref}, row {rows[i]}: text, no encoded image")
-    return cell.tobytes() if isinstance(cell, np.ndarray) else bytes(cell)
-
-
-def is_encoded(ref: ArrayRef | ArrayView) -> bool:
-    """Whether an array holds encoded images, one per row."""
-    facts = ref.facts
-    flat = facts.dtype == np.uint8 and len(facts.shape) == 2
-    return flat or (facts.dtype.kind in "SO" and len(facts.shape) == 1)
-
-
-def check_frames(indices: Sequence[int], count: int, where: object) -> None:
-    """Raises a `DataError` for a frame number out of range."""
-    if len(indices) and not 0 <= min(indices) <= max(indices) < count:
-        raise DataError(f"{where}: frame {max(indices)} of {count} is not there")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactileforge.errors import DataError
 from tactileforge.reading import MOST_BYTES, Facts
-from tactileforge_episodes.arrays import KEPT
+from tactileforge_episodes.kept import KEPT
 from tactileforge_episodes.places import Place, open_place
 
 
@@ -37,7 +37,7 @@ class ArrayRef:
         return open_place(self.place).facts(self.key)
 
     def rows(self, rows: Sequence[int] | NDArray[np.int64], ahead: bool = False) -> NDArray[Any]:
-        """Some rows; see `arrays.Kept.rows`.
+        """Some rows; see `kept.Kept.rows`.
 
         Raises:
             DataError: A chunk is damaged, or a row is not there.

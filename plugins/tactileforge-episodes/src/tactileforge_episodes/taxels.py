@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.sensors import TaxelLayout
-from tactileforge_episodes.frames import check_frames
 from tactileforge_episodes.refs import ArrayRef, numbers
+from tactileforge_episodes.shown import check_frames
 
 
 @dataclass(frozen=True)

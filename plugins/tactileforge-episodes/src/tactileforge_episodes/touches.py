@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tactileforge.errors import DataError
-from tactileforge_episodes.frames import is_encoded
 from tactileforge_episodes.map_keys import EpisodeMap, PartKeys, TaxelKeys, TouchKeys
 from tactileforge_episodes.names import fill, placeholders
 from tactileforge_episodes.refs import ArrayRef
+from tactileforge_episodes.shown import is_encoded
 from tactileforge_episodes.values import EpisodeArrays
 
 
