@@ -28,8 +28,8 @@ import numcodecs
 import numpy as np
 import zarr
 from common import memory_mb, ratio, save, side_by_side
-from tactileforge_episodes.arrays import KEPT
 from tactileforge_episodes.dataset import Episodes
+from tactileforge_episodes.kept import KEPT
 
 from tactileforge.contracts import Recording
 

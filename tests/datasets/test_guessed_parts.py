@@ -11,7 +11,7 @@ from videos import write_video
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataNotFoundError
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 
 RNG = np.random.default_rng(0)
 

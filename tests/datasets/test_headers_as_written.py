@@ -9,7 +9,7 @@ from PIL import Image
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 
 COUNT, FPS = 12, 30
 FORCE = np.round(0.25 * np.arange(COUNT), 3)

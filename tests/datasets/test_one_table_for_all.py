@@ -11,7 +11,7 @@ from PIL import Image
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 
 COUNT, TRIALS = 10, 3
 OBJECTS = ["mug", "bolt", "key"]

@@ -17,7 +17,7 @@ from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.packing import PackOptions, pack
 from tactileforge.plugins import registry
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 from tactileforge.util.untrusted import load_yaml
 
 inspect = partial(dispatch, "data")

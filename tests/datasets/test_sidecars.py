@@ -15,7 +15,7 @@ from tactileforge.datasets.recognition import recognise
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.reading import records
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 from tactileforge.reading.records import conversion
 
 RNG = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Grey pictures of 16 bits in folders: touch with its range, and a depth that stays one."""
+"""Grey pictures of 16 bits in folders: touch with its range, and depth."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ COUNT = 10
 
 
 def values(bits: int) -> np.ndarray:
-    """Pictures that change slowly, uint16 (T, 48, 64), up to nearly white."""
+    """Slowly changing pictures, uint16 (T, 48, 64), up to nearly white."""
     ramp = np.linspace(0.2, 0.6, 48 * 64).reshape(48, 64)
     steps = np.linspace(0, 0.35, COUNT)[:, None, None]
     return np.round((ramp + steps) * (2**bits - 1)).astype(np.uint16)

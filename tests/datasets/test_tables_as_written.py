@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 
 COUNT, FPS = 12, 30
 TIMES = [round(n / FPS, 6) for n in range(COUNT)]

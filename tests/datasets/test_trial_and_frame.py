@@ -11,7 +11,7 @@ from PIL import Image
 from tactileforge.contracts import Recording
 from tactileforge.datasets import Recordings
 from tactileforge.errors import DataError
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 
 COUNT, TRIALS = 12, 3
 

@@ -1,4 +1,4 @@
-"""Files that no guess reads are named with a way to read them."""
+"""Unread files are named with a way to read them."""
 
 import json
 from pathlib import Path

@@ -11,8 +11,8 @@ import yaml
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import DataError
-from tactileforge.reading.sensor_names import guess_sensor, named_sensor
-from tactileforge.reading.view_words import scenes
+from tactileforge.reading.guessing.sensor_names import guess_sensor, named_sensor
+from tactileforge.reading.guessing.view_words import scenes
 
 COUNT = 10
 FORCE = np.linspace(0, 2, COUNT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tactileforge.reading.force_headers import axes_of_force, axis_of
+from tactileforge.reading.guessing.force_headers import axes_of_force, axis_of
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.reading.guessed_media import names_still, stills_among
+from tactileforge.reading.guessing.media import names_still, stills_among
 
 GREY = 90
 

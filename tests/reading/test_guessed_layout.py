@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from tactileforge.data import encode_image
 from tactileforge.datasets import Recordings
-from tactileforge.reading.guessed_layout import guess_layout
-from tactileforge.reading.tiles import tiles
+from tactileforge.reading.guessing.layout import guess_layout
+from tactileforge.reading.guessing.tiles import tiles
 
 RNG = np.random.default_rng(0)
 
@@ -62,7 +62,7 @@ def test_one_gel_is_no_tiles() -> None:
 
 
 def soft(height: int, width: int) -> NDArray[np.uint8]:
-    """A gel that is lit from one side, a little, with noise."""
+    """A gel with a little light from one side and noise."""
     light = 100 + np.linspace(0, 8, width)[None, :, None] * [1, 0.5, -0.5]
     return (light + RNG.normal(0, 2, (height, width, 3))).clip(0, 255).astype(np.uint8)
 

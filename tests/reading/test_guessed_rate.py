@@ -7,11 +7,11 @@ import pytest
 
 from tactileforge.data import encode_image
 from tactileforge.datasets import Recordings
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 
 
 def take(folder: Path, count: int, seconds: float, column: str = "t", unit: float = 1.0) -> None:
-    """Images of a moving gel, and forces that rise with time at 100 rows a second."""
+    """Images of a moving gel, and rising forces at 100 rows a second."""
     folder.mkdir()
     for number in range(count):
         picture = np.full((24, 32, 3), 90 + 4 * number, np.uint8)

@@ -1,14 +1,14 @@
-"""Words of names: touch, views of a scene, sides, and whose a force is."""
+"""Words of names: touch, views of a scene, sides, and owners of forces."""
 
 from pathlib import Path
 
 import pytest
 
 from tactileforge.reading import force_of_touch, scene_among, touch_among, touch_of
+from tactileforge.reading.guessing.view_words import scenes
 from tactileforge.reading.series import series_of
 from tactileforge.reading.sides import SIDE_NAMES, SIDE_WORDS, SIDES
 from tactileforge.reading.trials import trial_of
-from tactileforge.reading.view_words import scenes
 
 
 @pytest.mark.parametrize("side", sorted(SIDES))

@@ -1,4 +1,4 @@
-"""Folders of one's own, named like those of a published set, are read as what they are."""
+"""Folders of one's own with the names of a published set are read as one's own."""
 
 import json
 from collections.abc import Callable

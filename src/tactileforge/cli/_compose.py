@@ -226,7 +226,7 @@ def check_tasks(config: DictConfig, name: str, overrides: Sequence[str]) -> None
 
 
 def leave_out_others(config: DictConfig, name: str, overrides: Sequence[str]) -> None:
-    """Removes the options that presets give AdamW from an optimizer of the user's own in YAML.
+    """Removes AdamW's options of presets from an optimizer of the user's own in YAML.
 
     It keeps what the same YAML, a later one and words give it, and its own defaults; options of
     every optimizer, as ``warmup``, stay, and those that have no default.
@@ -271,7 +271,7 @@ def _is_suite(path: str | None) -> bool:
 
 
 def _files(name: str, overrides: Sequence[str]) -> list[tuple[ResultDefault, ConfigResult]]:
-    """The files of a composition in their order, each with what is in it."""
+    """The files of a composition in their order, each with its content."""
     words, places = own_places(without_layouts(overrides), [])
     kept, SearchPath.also = SearchPath.also, [*SearchPath.also, *places]
     try:

@@ -96,7 +96,7 @@ def yaml_text(name: str) -> str:
 
 
 def chosen_by(value: str, wanted: str, chosen: str | None, other: str | None) -> str | None:
-    """What YAML says by ``${tactileforge_if:${KEY},wanted,chosen,other}``.
+    """Resolves ``${tactileforge_if:${KEY},wanted,chosen,other}`` of YAML.
 
     Args:
         value: Value of the key.

@@ -21,7 +21,7 @@ from tactileforge.errors import (
 )
 from tactileforge.reading.drawn import Drawn
 from tactileforge.reading.files import DamagedFileError, read_text
-from tactileforge.reading.guessed_layout import guess_layout
+from tactileforge.reading.guessing.layout import guess_layout
 from tactileforge.reading.layout import (
     EXAMPLE,
     FILE_COLUMNS,

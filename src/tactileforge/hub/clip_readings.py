@@ -1,4 +1,4 @@
-"""What a model reads of clips: vectors, features, forces, surfaces, classes and words."""
+"""Readings of clips by a model: vectors, features, forces, surfaces, classes and words."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class ClipReadings(Parts):
-    """Parts of a model with all that they read of clips; arguments and attributes as of `Model`."""
+    """Parts of a model with all their readings of clips; arguments and attributes as of `Model`."""
 
     def encode(
         self,

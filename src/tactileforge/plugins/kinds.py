@@ -1,4 +1,4 @@
-"""Kinds of plugins, and where a configuration names them."""
+"""Kinds of plugins, and their places in a configuration."""
 
 KINDS = ("sensors", "datasets", "encoders", "heads", "objectives", "optimizers", "checks")
 #: Kinds whose entry points name a module: verbs of the command line.

@@ -1,4 +1,4 @@
-"""Touches of a layout: which files are one, and in which order."""
+"""Touches of a layout: their files in order."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class ImageRows:
         return found
 
     def _unknown(self, where: str, name: str, names: WrittenNames) -> DataError:
-        """Error about a row that names no image."""
+        """Error about a row of no known image."""
         fix = "correct the row, or remove it"
         if sum(Path(one).name == name for one in names.all) > 1:
             fix = f"several are called so; give the path from {self.folder} on"

@@ -9,7 +9,7 @@ _DETAILS = re.compile(r"'[^']*'|\S*/\S*|\d[\d.e+-]*")
 
 
 class Lines(list[str]):
-    """Lines, whose search takes as long in many as in few; for `add_once`."""
+    """Lines, searched as fast in many as in few; for `add_once`."""
 
     _seen: set[str] | None = None
 

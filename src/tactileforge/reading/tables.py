@@ -46,7 +46,7 @@ Fit: TypeAlias = Callable[
 
 @dataclass(frozen=True)
 class FoundRows:
-    """Rows of a table that are of a touch.
+    """Rows of a table for a touch.
 
     Attributes:
         images: Rows by frame, for rows with image names; None for rows by frame or time.

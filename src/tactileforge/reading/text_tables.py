@@ -99,7 +99,7 @@ def table_of(lines: Sequence[tuple[int, list[str]]], with_commas: bool = False) 
 
 
 def _in_groups(header: list[str], rows: Sequence[tuple[int, Cells]]) -> list[str]:
-    """Names, those that are there twice behind their group, an empty column before them.
+    """Names, repeated ones behind their group, an empty column before them.
 
     Example:
         >>> _in_groups(["t", "force", "x", "torque", "x"], [(2, ["0", "", "1", "", "2"])])

@@ -36,7 +36,7 @@ class LayoutTouch:
     stream: int = 0
 
     def path(self, folder: Path, template: str) -> Path:
-        """A path that a template gives for the touch.
+        """A path for the touch by a template.
 
         Args:
             folder: Folder of the layout.

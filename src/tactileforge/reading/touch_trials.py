@@ -1,4 +1,4 @@
-"""Trials of the touches of layouts, which are held out together."""
+"""Trials of the touches of layouts, held out together."""
 
 from __future__ import annotations
 

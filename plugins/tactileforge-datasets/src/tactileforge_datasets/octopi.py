@@ -20,7 +20,7 @@ from tactileforge.reading import (
     is_there,
     read_text,
 )
-from tactileforge.specs.published import spec
+from tactileforge.specs import spec
 from tactileforge_datasets.official_splits import OCTOPI_OFFICIAL
 
 _PREFIX = "physiclear_"

@@ -84,7 +84,7 @@ def _count(groups: Mapping[str, set[str]]) -> int:
 
 
 def _joined(found: Mapping[str, dict[str, set[str]]]) -> dict[str, dict[str, set[str]]]:
-    """Templates, those as one that differ in the name of one group above: of an object, say."""
+    """Templates, joined if they differ only in the name of one group above, such as an object's."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for template in found:
         *above, last = template.split("/")
@@ -102,7 +102,7 @@ def _joined(found: Mapping[str, dict[str, set[str]]]) -> dict[str, dict[str, set
 
 
 def _alike(keys: Sequence[str]) -> tuple[str, str]:
-    """Template of groups that hold the same arrays, with touch among them; "" for none."""
+    """Template of groups with the same arrays, touch among them; "" for none."""
     inside: dict[str, set[str]] = {}
     for key in keys:
         group, _, rest = key.partition("/")
@@ -126,7 +126,7 @@ def _may_be_episodes(names: Sequence[str]) -> bool:
 
 
 def _placeholder(names: Sequence[str]) -> str:
-    """Placeholder of groups: of splits, or of objects, where their names count nothing."""
+    """Placeholder of groups: of splits, or of objects if their names count nothing."""
     if {name.lower() for name in names} <= {word for words in SPLITS.values() for word in words}:
         return "{split}"
     words = {word for name in names for word in words_of(name)}

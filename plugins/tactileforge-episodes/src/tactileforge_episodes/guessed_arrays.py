@@ -1,4 +1,4 @@
-"""Arrays of a container as a guess of its map sees them, and what of them is used."""
+"""Arrays of a container in the eyes of a guess of its map, used and unused."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class FoundArrays:
         return self.array(look.key).rows(range(rows or min(look.facts.rows, _LOOKED_AT)))
 
     def free(self) -> list[Look]:
-        """Arrays that nothing is read from yet, apart from pictures."""
+        """Unread arrays so far, apart from pictures."""
         return [
             look
             for key, look in self.looks.items()
@@ -126,7 +126,7 @@ class FoundArrays:
         return listed(self.looks.values(), self.within)
 
     def add_left_out(self) -> None:
-        """Adds a line about the arrays that nothing is read from."""
+        """Adds a line about the unread arrays."""
         left = [look for key, look in self.looks.items() if key not in self.used]
         if left:
             self.doubts.append(f"left out: {listed(left)}")

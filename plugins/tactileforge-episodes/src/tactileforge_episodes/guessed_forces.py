@@ -1,4 +1,4 @@
-"""Forces of a guessed map: whose they are, their units, signs and clocks."""
+"""Forces of a guessed map: their fingers, units, signs and clocks."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def guess_map(
 
 
 def _episodes(found: FoundArrays, rows: int) -> dict[str, Any]:
-    """Keys of where episodes are."""
+    """Keys of the places of episodes."""
     if not found.within:
         ends = find_ends(found, [*found.looks.values()], rows)
         found.used |= {ends["ends"]} if ends else set()
@@ -118,7 +118,7 @@ def _numbers(found: FoundArrays, rows: int) -> dict[str, Any]:
 
 
 def _states(free: Sequence[Look]) -> list[Look]:
-    """Arrays of the state of the robot: the one that is called so, else those of its body."""
+    """Arrays of the state of the robot: the one of that name, else those of its body."""
     states = _shortest([one for one in free if one.has(_STATES) and not one.has(_NO_STATES)])
     if states and states[0].words[-1:] != ("states",):  # of a simulator, where others are
         return states

@@ -1,4 +1,4 @@
-"""Touch of a guessed map: which arrays it is, and how they are shown."""
+"""Touch of a guessed map: its arrays and their pictures."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from tactileforge.reading import Facts
 
 
 class Rows(Protocol):
-    """An array whose rows are read on demand."""
+    """An array, read in rows on demand."""
 
     @property
     def facts(self) -> Facts:

@@ -186,7 +186,7 @@ def _context(workers: int) -> BaseContext | None:
 
 
 def _digests(stream: Stream) -> tuple[str, str]:
-    """Digests of the recordings that clips are cut from: names and lengths, and labels."""
+    """Digests of the recordings of the clips: names and lengths, and labels."""
     known, labels = sha256(), sha256()
     for track in stream.tracks:
         for one in getattr(track, "clips").recordings:  # noqa: B009

@@ -1,4 +1,4 @@
-"""Guesses of frames: what an image is, which images are a recording, their times and tiles."""
+"""Guesses of frames: images, recordings of them, their times and tiles."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from tactileforge.data.frames.lazy import ImageFrames
 from tactileforge.data.frames.pixel_contract import white_of
 from tactileforge.data.frames.stacks import deepest, is_stack
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.guessed_media import ASSUMED_FPS, VIDEOS, Part, open_media
-from tactileforge.reading.guessed_patterns import pattern_of
+from tactileforge.reading.guessing.media import ASSUMED_FPS, VIDEOS, Part, open_media
+from tactileforge.reading.guessing.patterns import pattern_of
+from tactileforge.reading.guessing.tiles import Box, tiles
+from tactileforge.reading.guessing.view_words import DERIVED, words_of
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_keys, name_prefix
 from tactileforge.reading.series import series_of
 from tactileforge.reading.sides import SIDE_NAMES
-from tactileforge.reading.tiles import Box, tiles
-from tactileforge.reading.view_words import DERIVED, words_of
 
 #: Images of a folder to compare, and the largest change from one to the next in a recording, over
 #: that between images in another order; and the same of means of 8 x 8 pixels. Takes of a sensor
@@ -86,7 +86,7 @@ def guess_frames(part: Part) -> dict[str, Any]:
 
 
 def _recording(media: Sequence[Path]) -> tuple[list[Path], list[str]]:
-    """Images of the largest recording, in order, and what tells those of one folder apart."""
+    """Images of the largest recording, in order, and the difference between those of one folder."""
     folders: dict[Path, list[Path]] = {}
     named: dict[tuple[Path, str], list[Path]] = {}
     for path in media:

@@ -10,16 +10,16 @@ from pathlib import Path
 from tactileforge.contracts import Guess
 from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
-from tactileforge.reading.guessed_frames import guess_frames
-from tactileforge.reading.guessed_labels import left_out
-from tactileforge.reading.guessed_media import VIDEOS, Part, of_endings, stacks, stills_among
-from tactileforge.reading.guessed_part import NOTES, TABLES, add_camera, guess_part
+from tactileforge.reading.guessing.frames import guess_frames
+from tactileforge.reading.guessing.labels import left_out
+from tactileforge.reading.guessing.media import VIDEOS, Part, of_endings, stacks, stills_among
+from tactileforge.reading.guessing.part import NOTES, TABLES, add_camera, guess_part
+from tactileforge.reading.guessing.sensor_names import named_sensor
+from tactileforge.reading.guessing.view_words import scenes, words_of
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, sheets
-from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
-from tactileforge.reading.view_words import scenes, words_of
 
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
@@ -71,7 +71,7 @@ def guess_layout(root: Path) -> Guess | None:
 
 
 def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> list[Path]:
-    """Tables and files of labels that nothing reads, and no line names."""
+    """Unread tables and files of labels, named by no line."""
     endings = (TABLES - {".yaml", ".yml"}) | sheets()
     return [
         path
@@ -114,7 +114,7 @@ def _by_sensors(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:
 
 
 def _by_splits(media: Sequence[Path]) -> dict[str, list[Path]]:
-    """Files by the word of a split that each has in its name (``X_test.npy``); or all of them."""
+    """Files by the word of a split in the name of each (``X_test.npy``); or all of them."""
     named: dict[str, list[Path]] = {}
     for path in media:
         words = [word for word in words_of(path.stem) if word in SPLIT_OF_FOLDER]
@@ -143,7 +143,7 @@ def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[
 def _by_backgrounds(
     root: Path, touches: Sequence[Path], media: Sequence[Path], files: Sequence[Path]
 ) -> dict[str, list[Path]]:
-    """Files of each folder of stills, where some have backgrounds of their own; {} otherwise."""
+    """Files of each folder of stills, if some have backgrounds of their own; {} otherwise."""
     folders: dict[Path, list[Path]] = {}
     for path in touches:
         folders.setdefault(path.parent, []).append(path)

@@ -10,8 +10,7 @@ from typing import Any
 from tactileforge.data.labels.clock import clock_number
 from tactileforge.data.labels.newtons import named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
-from tactileforge.reading.force_headers import FORCE
-from tactileforge.reading.guessed_columns import (
+from tactileforge.reading.guessing.columns import (
     OBJECT,
     OBJECT_NUMBER,
     SENSOR,
@@ -21,13 +20,14 @@ from tactileforge.reading.guessed_columns import (
     is_constant,
     time_column,
 )
-from tactileforge.reading.records import RECORDS, conversion
-from tactileforge.reading.sensor_names import named_sensor
-from tactileforge.reading.table_families import (
+from tactileforge.reading.guessing.families import (
     Family,
     Units,
     fits,
 )
+from tactileforge.reading.guessing.force_headers import FORCE
+from tactileforge.reading.guessing.sensor_names import named_sensor
+from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
 from tactileforge.specs.published import spec

@@ -1,4 +1,4 @@
-"""Headers of columns of forces: their axes, and what else they say."""
+"""Headers of columns of forces: their axes and their other words."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import re
 from collections.abc import Sequence
 
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
-from tactileforge.reading.sides import SIDES
-from tactileforge.reading.view_words import (
+from tactileforge.reading.guessing.view_words import (
     COMMANDS,
     DERIVED_FORCES,
     ROBOT,
     apart_by_capitals,
     words_of,
 )
+from tactileforge.reading.sides import SIDES
 
 #: Force, in English, German, Dutch, Spanish, Italian and Chinese.
 FORCE = r"(?:forces?|kraft|kracht|fuerza|forza|力)"

@@ -11,12 +11,12 @@ from typing import TypeAlias
 
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import TactileForgeError
+from tactileforge.reading.guessing.view_words import apart_by_capitals
 from tactileforge.reading.order import name_prefix
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.tables import joined, read_cells
 from tactileforge.reading.trial_rows import RECORDING_WORDS, recordings_of
-from tactileforge.reading.view_words import apart_by_capitals
 from tactileforge.reading.written_names import ENDING, is_absolute, moved_path
 
 Cells: TypeAlias = Sequence[Mapping[str, str]]
@@ -297,7 +297,7 @@ def is_for_all(family: Family, units: Units) -> bool:
 
 
 def without_table(family: Family, units: Units) -> list[Parts]:
-    """The recordings without a table, where most have one of their own; [] for other families."""
+    """The recordings without a table, if most have one of their own; [] for other families."""
     if not family.is_own or "*" in family.template:
         return []
     lacking = [

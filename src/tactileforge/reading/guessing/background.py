@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from tactileforge.reading.guessed_media import BACKGROUND, VIDEOS, Part, open_media, stills_among
+from tactileforge.reading.guessing.families import is_for_all, templates
+from tactileforge.reading.guessing.media import BACKGROUND, VIDEOS, Part, open_media, stills_among
+from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.order import name_keys
-from tactileforge.reading.sensor_names import named_sensor
-from tactileforge.reading.table_families import is_for_all, templates
 
 #: Grey levels by which half of a picture differs from what is no background.
 _ANOTHER = 75

@@ -10,28 +10,28 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from tactileforge.data.frames.stacks import is_stack
-from tactileforge.reading.guessed_background import guess_background
-from tactileforge.reading.guessed_frames import boxes_of, guess_crops, guess_frames, guess_white
-from tactileforge.reading.guessed_labels import (
+from tactileforge.reading.guessing.background import guess_background
+from tactileforge.reading.guessing.families import Family, Units, families, is_for_all, templates
+from tactileforge.reading.guessing.frames import boxes_of, guess_crops, guess_frames, guess_white
+from tactileforge.reading.guessing.labels import (
     force_in_names,
     guess_labels,
     guess_shared,
     unread_words,
 )
-from tactileforge.reading.guessed_media import VIDEOS, Part, names_still, of_endings, open_media
-from tactileforge.reading.guessed_patterns import pattern_of
-from tactileforge.reading.guessed_rate import guess_rate
-from tactileforge.reading.guessed_tables import guess_apart, guess_force, guess_times, guess_tracks
+from tactileforge.reading.guessing.media import VIDEOS, Part, names_still, of_endings, open_media
+from tactileforge.reading.guessing.patterns import pattern_of
+from tactileforge.reading.guessing.rate import guess_rate
+from tactileforge.reading.guessing.sensor_names import guess_sensor, named_sensor
+from tactileforge.reading.guessing.tables import guess_apart, guess_force, guess_times, guess_tracks
+from tactileforge.reading.guessing.tiles import Box
+from tactileforge.reading.guessing.view_words import NO_VIEW, says_touch, words_of
 from tactileforge.reading.records import RECORDS, sheets
-from tactileforge.reading.sensor_names import guess_sensor, named_sensor
 from tactileforge.reading.series import names_of
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
-from tactileforge.reading.table_families import Family, Units, families, is_for_all, templates
-from tactileforge.reading.tiles import Box
 from tactileforge.reading.trial_rows import RECORDING_WORDS
 from tactileforge.reading.trials import TRIAL, VERSIONS
-from tactileforge.reading.view_words import NO_VIEW, says_touch, words_of
 
 #: Endings of tables that may be notes as well, and of all that are read.
 NOTES = frozenset({".txt", ".dat"})
@@ -47,7 +47,7 @@ _OPENED = 5
 
 
 def guess_part(part: Part) -> None:
-    """Guess the layout of a part, the lines about it, and the tables that it reads.
+    """Guess the layout of a part, the lines about it, and its tables.
 
     Args:
         part: The files; its layout is filled in.
@@ -128,7 +128,7 @@ def _shared(part: Part, found: Sequence[Family], units: Units) -> list[Family]:
 
 
 def _apart(part: Part, found: Sequence[Family], units: Units) -> list[Family]:
-    """Family of tables that tells images of one folder apart; the keys are taken over."""
+    """Family of tables to tell images of one folder apart; the keys are taken over."""
     told: list[str] = []
     if "recording" in part.layout:
         return []

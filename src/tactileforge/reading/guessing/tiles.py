@@ -56,7 +56,7 @@ def tiles(pictures: NDArray[np.uint8]) -> list[Box]:
 
 
 def _are_alike(pictures: NDArray[np.uint8]) -> bool:
-    """Whether the halves of wide pictures are of two gels of one kind, that meet in a seam."""
+    """Whether the halves of wide pictures are two gels of one kind with a seam between them."""
     # over all lines, where marks and noise are gone
     lines = pictures[:, :, : pictures.shape[2] // 2 * 2].mean((0, 1), dtype=np.float64)
     steps = np.abs(np.diff(lines, axis=0)).max(-1)

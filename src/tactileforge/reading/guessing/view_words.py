@@ -157,7 +157,7 @@ def scene_among(pictures: Iterable[str]) -> str:
 
 
 def touch_of(name: str, touch: Sequence[str]) -> list[str]:
-    """The touch that has the telling words of a name; all for a name without any.
+    """The touch with the telling words of a name; all for a name without any.
 
     Args:
         name: Name of a force, a time or another value.
@@ -265,7 +265,7 @@ def _is_aside(kind: str, said: Collection[str]) -> bool:
 
 
 def _computed(kinds: Mapping[str, Collection[str]]) -> set[str]:
-    """Names that say a computed picture where that of another kind says a captured one.
+    """Names of computed pictures beside captured ones of another kind.
 
     ``gelsight_depth`` beside ``gelsight`` or ``gelsight_rgb``, and ``masks`` beside ``images``.
     """

@@ -14,13 +14,13 @@ from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.data.frames.stacks import is_stack, open_film
 from tactileforge.data.frames.video import VIDEO_SUFFIXES
 from tactileforge.errors import TactileForgeError
+from tactileforge.reading.guessing.families import Units
+from tactileforge.reading.guessing.sensor_names import named_sensor
+from tactileforge.reading.guessing.view_words import DERIVED, says_touch, words_of
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
-from tactileforge.reading.sensor_names import named_sensor
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
-from tactileforge.reading.table_families import Units
-from tactileforge.reading.view_words import DERIVED, says_touch, words_of
 
 #: Endings of films that are taken for data: a gif shows something, and .ts is a program as well.
 VIDEOS = VIDEO_SUFFIXES - {".gif", ".ts"}
@@ -43,7 +43,7 @@ _MOST_ARRAYS = 500
 
 @dataclass
 class Part:
-    """Files of a layout: those of one sensor, side or split, and what is guessed of them so far.
+    """Files of a layout, of one sensor, side or split, and the guesses so far.
 
     Attributes:
         root: Folder of the layout.
@@ -74,7 +74,7 @@ class Part:
         return any(line.startswith(f"fps: {ASSUMED_FPS} is assumed") for line in self.doubts)
 
     def forget(self, *keys: str) -> None:
-        """Drops keys that something else tells better, and the lines about them."""
+        """Drops keys with a better source, and the lines about them."""
         self.doubts[:] = [line for line in self.doubts if line.partition(":")[0] not in keys]
         for key in keys:
             self.layout.pop(key, None)
@@ -143,7 +143,7 @@ def stacks(files: Sequence[Path]) -> list[Path]:
 
 
 def names_still(stem: str) -> bool:
-    """Whether the name of a picture or film may be that of one without contact.
+    """Whether a picture or film may be without contact, by its name.
 
     Example:
         >>> names_still("no_touch_1"), names_still("init_frame"), names_still("flat_screw")
@@ -153,7 +153,7 @@ def names_still(stem: str) -> bool:
 
 
 def stills_among(files: Sequence[Path], root: Path) -> set[Path]:
-    """Pictures and films without contact, by their names or that of their folder.
+    """Pictures and films without contact, by their names or their folder's.
 
     A name that may be an object's too, such as ``flat``, is one of these only where the other
     pictures of its folder differ by numbers, or where it has pictures of no other name beside it.

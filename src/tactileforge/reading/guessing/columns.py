@@ -14,17 +14,23 @@ from tactileforge.data.labels.clock import UNITS, after_midnight, clock_number
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.force_headers import FORCE, axes_of_force, axis_of, is_alone, is_elsewhere
-from tactileforge.reading.guessed_numbers import named_time_unit
-from tactileforge.reading.splits import SPLIT_OF_FOLDER
-from tactileforge.reading.table_families import (
+from tactileforge.reading.guessing.families import (
     RECORDING,
     Family,
     fits,
 )
+from tactileforge.reading.guessing.force_headers import (
+    FORCE,
+    axes_of_force,
+    axis_of,
+    is_alone,
+    is_elsewhere,
+)
+from tactileforge.reading.guessing.numbers import named_time_unit
+from tactileforge.reading.guessing.view_words import apart_by_capitals, words_of
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
-from tactileforge.reading.view_words import apart_by_capitals, words_of
 
 #: Whose or which time: a clock, what was stamped, or since when.
 _CLOCK = (
@@ -232,7 +238,7 @@ def frame_column(family: Family, count: int) -> tuple[str | None, bool]:
 
 
 def rising_column(family: Family, seconds: float, others: Iterable[str | None]) -> tuple[str, str]:
-    """The only column that rises and lasts as long as the frames, and its unit; "" for none.
+    """The only rising column as long as the frames, and its unit; "" for none.
 
     Args:
         family: A table.

@@ -1,4 +1,4 @@
-"""Patterns of files that a guessed layout reads, and no others beside them."""
+"""Patterns of the files of a guessed layout, and no others beside them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path, PurePath
 
-from tactileforge.reading.guessed_media import Part, names_still, of_endings
+from tactileforge.reading.guessing.media import Part, names_still, of_endings
 from tactileforge.reading.series import common_start
 
 #: Largest number of folders that a pattern names.
@@ -50,7 +50,7 @@ def _folders(part: Part) -> str:
 
 
 def _named(part: Part, above: str, endings: Sequence[str]) -> list[str]:
-    """Patterns of folders, by their names where those of other pictures lie beside them."""
+    """Patterns of folders, by their names if other pictures lie beside them."""
     if not above.endswith("*/") or above.endswith("**/"):
         return [above]
     named = {path.parent.name for path in part.media}

@@ -14,8 +14,7 @@ import numpy as np
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.force_headers import axis_of
-from tactileforge.reading.guessed_columns import (
+from tactileforge.reading.guessing.columns import (
     FRAME,
     OBJECT,
     SENSOR,
@@ -33,16 +32,7 @@ from tactileforge.reading.guessed_columns import (
     says_no_axis,
     time_column,
 )
-from tactileforge.reading.guessed_labels import guess_unit
-from tactileforge.reading.guessed_numbers import (
-    AXES,
-    guess_sign,
-    likely_unit,
-    named_time_unit,
-)
-from tactileforge.reading.name_times import frame_numbers
-from tactileforge.reading.series import series_of
-from tactileforge.reading.table_families import (
+from tactileforge.reading.guessing.families import (
     RECORDING,
     Family,
     Units,
@@ -51,6 +41,16 @@ from tactileforge.reading.table_families import (
     table_of,
     without_table,
 )
+from tactileforge.reading.guessing.force_headers import axis_of
+from tactileforge.reading.guessing.labels import guess_unit
+from tactileforge.reading.guessing.numbers import (
+    AXES,
+    guess_sign,
+    likely_unit,
+    named_time_unit,
+)
+from tactileforge.reading.name_times import frame_numbers
+from tactileforge.reading.series import series_of
 from tactileforge.reading.tables import read_cells, whole
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
@@ -234,7 +234,7 @@ def guess_force(
 
 
 def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
-    """Add lines about columns of forces whose axis, place or name is not known."""
+    """Add lines about columns of forces of unknown axis, place or name."""
     for family in found:
         others = [name for name in numeric(family) if axis_of(name)]
         columns = [next((x for x in others if axis_of(x) == axis), None) for axis in "xyz"]
@@ -310,7 +310,7 @@ def _partial(
     units: Units,
     doubts: list[str],
 ) -> dict[str, Any]:
-    """Key of tables that some recordings lack, or that go on after their last frame."""
+    """Key of tables with too few files, or with rows after the last frame."""
     if lacking:
         more = f" and {len(lacking) - 1} more" if len(lacking) > 1 else ""
         doubts.append(f"force: {'/'.join(lacking[0])}{more} without {family.template} get no force")

@@ -11,9 +11,9 @@ import numpy as np
 
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.guessed_columns import moments
-from tactileforge.reading.guessed_media import ASSUMED_FPS, Part, open_media
-from tactileforge.reading.table_families import Cells, Family, Units, recordings, table_of
+from tactileforge.reading.guessing.columns import moments
+from tactileforge.reading.guessing.families import Cells, Family, Units, recordings, table_of
+from tactileforge.reading.guessing.media import ASSUMED_FPS, Part, open_media
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.trial_rows import recordings_of
 
@@ -28,7 +28,7 @@ _LEAST, _LOOKED_AT = 4, 50
 
 
 def guess_rate(part: Part, family: Family, force: Mapping[str, Any]) -> None:
-    """Replace the assumed rate of a part by that of its forces, where all recordings agree.
+    """Replace the assumed rate of a part by that of its forces if all recordings agree.
 
     Args:
         part: The files, with their layout and lines; both are changed.

@@ -1,4 +1,4 @@
-"""Guesses of what numbers are, by their names and values: units of time, and signs of forces."""
+"""Guesses about numbers by their names and values: units of time, and signs of forces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactileforge.data.labels.clock import UNITS, date_unit
-from tactileforge.reading.view_words import words_of
+from tactileforge.reading.guessing.view_words import words_of
 
 #: Words of units of time.
 _TIME_WORDS = {
@@ -39,7 +39,7 @@ def named_time_unit(name: str) -> str:
 
 
 def likely_unit(step: float) -> str:
-    """The unit of time in which a step is that of a camera or sensor; "" for none.
+    """The unit of time for a step of a camera or sensor; "" for none.
 
     Example:
         >>> likely_unit(0.033), likely_unit(33), likely_unit(33_000_000)
