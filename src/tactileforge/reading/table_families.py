@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice, permutations
 from pathlib import Path, PurePath
@@ -73,7 +73,7 @@ class Family:
         unit: A recording of the first table.
         rows: Cells of that table.
         key: Column with the names of images or recordings; None without one.
-        apart: Column that names the recording of each of several rows, in a table for all; None
+        apart: Column that names the recording of each of several rows, in a table of several; None
             for other tables.
         side: Side of the touch that is asked for, such as ``left``; "" for none.
     """
@@ -311,16 +311,25 @@ def without_table(family: Family, units: Units) -> list[Parts]:
     )
 
 
-def recordings(units: Units) -> list[str]:
-    """Paths of recordings from the root; of single images, those of their folders."""
-    parts = [unit[:-1] if units.each == "touch" else unit for unit in units.files]
+def recordings(units: Units, family: Family | None = None) -> list[str]:
+    """Paths of recordings from the root; of single images, those of their folders.
+
+    Args:
+        units: The recordings.
+        family: Tables; of several, those that share the first one are meant.
+    """
+    own: Iterable[Parts] = units.files
+    if family is not None and family.is_own:
+        table = table_of(family, family.unit, units)
+        own = (unit for unit in own if table_of(family, unit, units) == table)
+    parts = [unit[:-1] if units.each == "touch" else unit for unit in own]
     return ["/".join(one) for one in dict.fromkeys(parts) if one]
 
 
 def _apart(family: Family, units: Units) -> str | None:
-    """Column of a table for all that names recordings, each in several rows; None without one."""
-    names = recordings(units)
-    if family.is_own or "*" in family.template or len(names) < 2:
+    """Column of a table that names recordings, each in several rows; None without one."""
+    names = [] if "*" in family.template else recordings(units, family)
+    if len(names) < 2:
         return None
     for title in family.rows[0]:
         cells = [row[title] for row in family.rows]
