@@ -181,10 +181,10 @@ def test_a_table_of_a_trial_names_the_side_of_each_row(
     assert len(found) == 2 * TRIALS
     for one in found:
         k, trial = sides.index(one.key.split("/")[2]), int(one.key.split("/")[1][-1])
-        n = np.arange(COUNT)
-        wanted = np.stack([0 * n + 0.1 * k, 0 * n + 0.1 * trial, 0.25 * n * (k + 1)], 1)
+        rows = np.arange(COUNT)
+        wanted = np.stack([0 * rows + 0.1 * k, 0 * rows + 0.1 * trial, 0.25 * rows * (k + 1)], 1)
         assert one.force is not None
         np.testing.assert_allclose(one.force, wanted, atol=1e-6)
         assert one.frames.read([3])[0, 0, 0, 0] == 23 + 100 * k + 20 * trial
         if clock == "t":  # as long as the forces
-            np.testing.assert_allclose(one.times, n / 20)
+            np.testing.assert_allclose(one.times, rows / 20)

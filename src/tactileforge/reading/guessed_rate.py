@@ -87,6 +87,7 @@ def _tables(family: Family, units: Units) -> Iterator[tuple[int, Cells]]:
     for unit in units.files:
         sharing.setdefault(table_of(family, unit, units), []).append("/".join(unit))
     read: dict[str, tuple[Cells, Mapping[str, Sequence[str]]]] = {}
+    rows: Cells
     for unit, files in units.files.items():
         count = len(files)
         if units.each == "video":
@@ -98,7 +99,7 @@ def _tables(family: Family, units: Units) -> Iterator[tuple[int, Cells]]:
                 rows = [cells for _, cells in read_cells(units.root / path, [])]
             except TactileForgeError:  # the reader names it
                 continue
-            rows = [*family.rows] if family.apart and not family.is_own else rows
+            rows = family.rows if family.apart and not family.is_own else rows
             cells = [row.get(family.apart, "") for row in rows] if family.apart else []
             read = {path: (rows, recordings_of(cells, sharing[path]))}
         rows, told = read[path]

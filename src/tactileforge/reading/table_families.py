@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.order import name_prefix
+from tactileforge.reading.order import name_prefix, name_rest
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.tables import joined, read_cells
@@ -184,12 +184,21 @@ class _Places:
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
         self._near: dict[tuple[Parts, str], Parts] = {}
+        self._rest: dict[tuple[Parts, str], Parts] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
         self._images: dict[Parts, frozenset[str]] = {}
+        names = {parts: self._name(parts) for parts in units.files}
+        first = {
+            name.removesuffix(name_rest(name)).rstrip("_-. ").lower() for name in names.values()
+        }
+        # what follows any other first word may be of another recording
+        is_of_rest = len(first) == 1 or first <= SIDE_NAMES
         for parts, paths in units.files.items():
-            stem = self._name(parts)
+            stem = names[parts]
+            if is_of_rest and (rest := name_rest(stem)):
+                self._rest.setdefault((parts[:-1], rest), parts)
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
             for depth in range(len(parts)):
@@ -231,6 +240,10 @@ class _Places:
             unit = self._prefix.get((folder, prefix))
             if unit is not None:
                 stem = "{prefix}" + stem[len(prefix) :]
+        for rest in (stem, prefix, name_rest(stem)) if unit is None else ():
+            if rest and (unit := self._rest.get((folder, rest))):
+                stem = "{rest}".join(stem.rsplit(rest, 1))
+                break
         unit = below if unit is None else unit
         name = self._name(unit)
         above = unit[-2] if len(unit) > 1 else ""
@@ -284,8 +297,8 @@ def table_of(family: Family, unit: Parts, units: Units) -> str:
     padded = ("", "", *unit)
     stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
     name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
-    name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
-    return name.replace("{parent}", padded[-3])
+    name = name.replace("{prefix}", name_prefix(stem)).replace("{rest}", name_rest(stem))
+    return name.replace("{folder}", padded[-2]).replace("{parent}", padded[-3])
 
 
 def is_for_all(family: Family, units: Units) -> bool:
@@ -327,7 +340,7 @@ def recordings(units: Units, family: Family | None = None) -> list[str]:
 
 
 def _apart(family: Family, units: Units) -> str | None:
-    """Column of a table that names recordings, each in several rows; None without one."""
+    """Column of the recording of each of several rows of a table; None without one."""
     names = [] if "*" in family.template else recordings(units, family)
     if len(names) < 2:
         return None
