@@ -40,9 +40,10 @@ def read(root: Path) -> tuple[dict[str, Recording], Sequence[str]]:
         (("Left_trial{}", "Right_trial{}"), "trial{}"),
         (("Left_trial{}", "Right_trial{}"), "trial{}_ft"),
         (("video_{}",), "forces_{}"),
+        (("trial{}_left", "trial{}_right"), "trial{}"),
     ],
 )
-def test_a_table_is_named_by_what_follows_the_first_word(
+def test_a_table_has_a_part_of_the_names_of_its_films(
     names: tuple[str, ...], table: str, tmp_path: Path
 ) -> None:
     for k in (1, 2, 3):
@@ -53,7 +54,7 @@ def test_a_table_is_named_by_what_follows_the_first_word(
     assert sorted(found) == sorted(f"{name.format(k)}.avi" for name in names for k in (1, 2, 3))
     for key, one in found.items():
         assert one.force is not None
-        k = int(Path(key).stem[-1])
+        (k,) = (int(letter) for letter in Path(key).stem if letter.isdecimal())
         np.testing.assert_allclose(one.force[:, 2], 0.1 * k * np.arange(COUNT), atol=1e-6)
 
 
@@ -66,3 +67,51 @@ def test_a_table_of_two_objects_is_of_neither(tmp_path: Path) -> None:
     assert len(found) == 4
     assert all(one.force is None for one in found.values())
     assert any("forces_1.csv and 1 more are left out" in line for line in doubts)
+
+
+def test_forces_of_two_sides_of_a_table_are_of_their_films(tmp_path: Path) -> None:
+    for k in (1, 2, 3):
+        film(tmp_path / f"trial{k}_left.avi", 60 * k)
+        film(tmp_path / f"trial{k}_right.avi", 60 * k)
+        rows = [f"{n / 20},0,0,{0.1 * n:.4f},0,0,{0.2 * n:.4f}" for n in range(COUNT)]
+        header = "t,fx_l,fy_l,fz_l,fx_r,fy_r,fz_r"
+        (tmp_path / f"trial{k}.csv").write_text("\n".join([header, *rows]) + "\n")
+    found, _ = read(tmp_path)
+    assert len(found) == 6
+    for key, one in found.items():
+        assert one.force is not None
+        factor = 0.2 if "right" in key else 0.1
+        np.testing.assert_allclose(one.force[:, 2], factor * np.arange(COUNT), atol=1e-6)
+
+
+@pytest.mark.parametrize("clock", ["t", ""])
+def test_a_table_names_the_pictures_of_both_sides_in_its_rows(clock: str, tmp_path: Path) -> None:
+    sides = ["left", "right"]
+    for k in range(3):
+        folder = tmp_path / f"trial_{k}/images"
+        folder.mkdir(parents=True)
+        lines = [f"{clock},left_image,right_image,fx,fy,fz".lstrip(",")]
+        for n in range(COUNT):
+            names = [f"{side}_{n:03d}.png" for side in sides]
+            for j, name in enumerate(names):
+                picture = np.full((48, 64, 3), 100 * j + 30 * k + n, np.uint8)
+                cv2.imwrite(str(folder / name), picture)
+            at = [f"{n / 20}"] if clock else []
+            cells = [*at, *(f"images/{name}" for name in names), "0", "0", f"{0.1 * (k + 1) * n}"]
+            lines.append(",".join(cells))
+        (tmp_path / f"trial_{k}/data.csv").write_text("\n".join(lines) + "\n")
+    guess = Recordings.recognise(tmp_path)
+    assert guess is not None
+    assert not [line for line in guess.doubts if ": labels:" in line]
+    data = Recordings(**guess.options)
+    found = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert len(found) == 6
+    for one in found:
+        side, trial, _ = one.key.split("/")
+        k = int(trial[-1])
+        assert one.force is not None
+        np.testing.assert_allclose(one.force[:, 2], 0.1 * (k + 1) * np.arange(COUNT), atol=1e-6)
+        assert one.frames.read([3])[0, 0, 0, 0] == 100 * sides.index(side) + 30 * k + 3
+    # both sides of a trial are held out together
+    held_out = {one.key.split("/")[1] for one in data.recordings("val")}
+    assert held_out.isdisjoint(one.key.split("/")[1] for one in data.recordings("train"))

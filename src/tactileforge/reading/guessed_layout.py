@@ -17,7 +17,7 @@ from tactileforge.reading.guessed_part import NOTES, TABLES, add_camera, guess_p
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, sheets
 from tactileforge.reading.sensor_names import named_sensor
-from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.sides import SIDE_NAMES, SIDES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.view_words import scenes, words_of
 
@@ -127,14 +127,17 @@ def _by_splits(media: Sequence[Path]) -> dict[str, list[Path]]:
 def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[str, list[Path]]:
     """Files of each side of a gripper, if tables have the forces of each; {} otherwise."""
     are_files = all(path.stem.lower() in SIDE_NAMES for path in media)
+    words = [[word for word in words_of(path.stem) if word in SIDES] for path in media]
+    are_named = not are_files and all(len(own) == 1 for own in words)
     sides: dict[str, list[Path]] = {}
-    for path in media:
-        sides.setdefault(path.stem if are_files else path.parent.name, []).append(path)
+    for path, own in zip(media, words, strict=True):
+        side = path.stem if are_files else own[0] if are_named else path.parent.name
+        sides.setdefault(side, []).append(path)
     if len(sides) < 2 or not {name.lower() for name in sides} <= SIDE_NAMES:
         return {}
     forces = set()
-    for side, own in sides.items():
-        part = Part(root, side, own, files)
+    for side, paths in sides.items():
+        part = Part(root, side, paths, files)
         guess_part(part)
         forces |= {str(part.layout["force"])} if "force" in part.layout else set()
     return sides if len(forces) == len(sides) else {}

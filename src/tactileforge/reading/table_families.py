@@ -37,6 +37,8 @@ _PART = re.compile(r"\d+(?:\.0+)?|\d+(?:[-_:]\d+)+|.*[^\W\d_].*")
 _MOST_COLUMNS, _MOST_PART = 5, 0.5
 #: Marks between the names of a folder and of a recording in it, in the name of a table.
 _MARKS = "_-."
+#: Marks between the words of a name.
+_BETWEEN = "_-. "
 
 
 @dataclass(frozen=True)
@@ -184,23 +186,26 @@ class _Places:
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
         self._near: dict[tuple[Parts, str], Parts] = {}
-        self._rest: dict[tuple[Parts, str], Parts] = {}
+        self._part: dict[tuple[Parts, str], tuple[str, Parts]] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
         self._images: dict[Parts, frozenset[str]] = {}
         names = {parts: self._name(parts) for parts in units.files}
         first = {
-            name.removesuffix(name_rest(name)).rstrip("_-. ").lower() for name in names.values()
+            name.removesuffix(name_rest(name)).rstrip(_BETWEEN).lower() for name in names.values()
         }
         # what follows any other first word may be of another recording
         is_of_rest = len(first) == 1 or first <= SIDE_NAMES
         for parts, paths in units.files.items():
             stem = names[parts]
             if is_of_rest and (rest := name_rest(stem)):
-                self._rest.setdefault((parts[:-1], rest), parts)
+                self._part.setdefault((parts[:-1], rest), ("{rest}", parts))
+            prefix = name_prefix(stem)
+            if prefix and stem[len(prefix) :].strip(_BETWEEN).lower() in SIDE_NAMES:
+                self._part.setdefault((parts[:-1], prefix), ("{prefix}", parts))
             self._exact.setdefault((parts[:-1], stem), parts)
-            self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
+            self._prefix.setdefault((parts[:-1], prefix), parts)
             for depth in range(len(parts)):
                 self._near.setdefault((parts[:depth], stem), parts)
             for mark in _MARKS if len(parts) > 1 else "":
@@ -240,9 +245,10 @@ class _Places:
             unit = self._prefix.get((folder, prefix))
             if unit is not None:
                 stem = "{prefix}" + stem[len(prefix) :]
-        for rest in (stem, prefix, name_rest(stem)) if unit is None else ():
-            if rest and (unit := self._rest.get((folder, rest))):
-                stem = "{rest}".join(stem.rsplit(rest, 1))
+        for text in (stem, prefix, name_rest(stem)) if unit is None else ():
+            if text and (found := self._part.get((folder, text))):
+                word, unit = found
+                stem = word.join(stem.rsplit(text, 1))
                 break
         unit = below if unit is None else unit
         name = self._name(unit)
