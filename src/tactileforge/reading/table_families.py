@@ -186,6 +186,8 @@ class _Places:
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
         self._near: dict[tuple[Parts, str], Parts] = {}
+        self._alike: dict[tuple[Parts, str, str], Parts] = {}
+        self._named: dict[tuple[Parts, str], tuple[Parts, Parts | None]] = {}
         self._part: dict[tuple[Parts, str], tuple[str, Parts]] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
@@ -208,6 +210,13 @@ class _Places:
             self._prefix.setdefault((parts[:-1], prefix), parts)
             for depth in range(len(parts)):
                 self._near.setdefault((parts[:depth], stem), parts)
+            for depth in range(len(parts) - 1):
+                self._alike.setdefault((parts[:depth], parts[-2], stem), parts)
+            for place, name in ((parts, stem), (parts[:-1], "".join(parts[-2:-1]))):
+                for depth in range(len(place)):
+                    key = parts[:depth], name
+                    if self._named.setdefault(key, (place, parts))[0] != place:
+                        self._named[key] = place, None
             for mark in _MARKS if len(parts) > 1 else "":
                 self._joint.setdefault(f"{parts[-2]}{mark}{stem}", parts)
             self._inside.setdefault(parts[:-1], []).append(parts)
@@ -224,22 +233,21 @@ class _Places:
     def of(self, table: PurePath) -> tuple[str, Parts]:
         """Template of a table, and one of its recordings."""
         folder, stem = table.parts[:-1], table.stem
-        below = next(
-            self._below[folder[:depth]]
-            for depth in range(len(folder), -1, -1)
-            if folder[:depth] in self._below
-        )
+        inside = next(i for i in range(len(folder), -1, -1) if folder[:i] in self._below)
+        below = self._below[folder[:inside]]
         if self.units.each == "sequence":
             # a file per image: {file}/*.json
-            for inside in (folder, below):
-                if stem in self._images.get(inside, ()) and table.suffix.lower() in RECORDS:
-                    return f"{self._folder(folder, inside)}/*{table.suffix}".lstrip("/"), inside
+            for of in (folder, below):
+                if stem in self._images.get(of, ()) and table.suffix.lower() in RECORDS:
+                    return f"{self._folder(folder, of)}/*{table.suffix}".lstrip("/"), of
         unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
-            near = (self._near.get((folder[:i], stem)) for i in range(len(folder), -1, -1))
-            unit = max(beside, key=len, default=None) or next(filter(None, near), None)
-            unit = unit or self._joint.get(stem)
+            depths = range(len(folder), -1, -1)
+            alike = (self._alike.get((folder[:i], folder[-1], stem)) for i in depths if folder)
+            near = (self._near.get((folder[:i], stem)) for i in depths)
+            unit = max(beside, key=len, default=None) or next(filter(None, alike), None)
+            unit = unit or next(filter(None, near), None) or self._joint.get(stem)
         prefix = name_prefix(stem)
         if unit is None and self.units.each == "video" and prefix:
             unit = self._prefix.get((folder, prefix))
@@ -250,7 +258,10 @@ class _Places:
                 word, unit = found
                 stem = word.join(stem.rsplit(text, 1))
                 break
-        unit = below if unit is None else unit
+        if unit is None:  # as in touch/trial_1 and vision/trial_1
+            names = (stem, *reversed(folder[inside:]))
+            named = (self._named.get((folder[:inside], name)) for name in names)
+            unit = next((one[1] for one in named if one and one[1]), below)
         name = self._name(unit)
         above = unit[-2] if len(unit) > 1 else ""
         if unit and _starts(stem, name):
@@ -271,10 +282,11 @@ class _Places:
             words.get(i, part) if folder[: i + 1] == unit[: i + 1] else part
             for i, part in enumerate(folder)
         ]
-        if out and out[-1] == folder[-1] and len(unit) > 1 and folder[-1] == unit[-2]:
-            out[-1] = "{folder}"
-        if out and unit and folder[-1] == self._name(unit):
-            out[-1] = "{stem}"
+        for i, part in enumerate(out):
+            if part == folder[i] and unit[-2:-1] == (part,):
+                out[i] = "{folder}"
+            if folder[i] == self._name(unit) and (i == len(out) - 1 or out[i] == part):
+                out[i] = "{stem}"
         return "/".join(out)
 
 
@@ -291,11 +303,10 @@ def _filled(family: Family, units: Units) -> Iterator[bool]:
             f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
         }
     above = family.template.split("/")[:-1]
-    # folders of one recording in a template are of no other
-    own = [(i, name) for i, name in enumerate(above) if family.unit[i : i + 1] == (name,)]
+    # names of some recordings or folders in a template are of no others
+    own = {*above}.intersection(chain.from_iterable(units.files))
     for unit in units.files:
-        is_own = all(unit[i : i + 1] == (name,) for i, name in own)
-        yield is_own and table_of(family, unit, units) in there
+        yield own <= {*unit} and table_of(family, unit, units) in there
 
 
 def table_of(family: Family, unit: Parts, units: Units) -> str:
