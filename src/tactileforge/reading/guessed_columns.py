@@ -16,6 +16,7 @@ from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.force_headers import FORCE, axes_of_force, axis_of, is_alone, is_elsewhere
 from tactileforge.reading.guessed_numbers import named_time_unit
+from tactileforge.reading.split_times import nanoseconds_beside
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.table_families import (
     RECORDING,
@@ -67,6 +68,8 @@ _FORCE_STEM = re.compile(rf"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|
 _TIME_STEM = re.compile(rf"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t){_SPLIT}")
 #: Most tables of a family that are looked at for a value of all their rows.
 _LOOKED_AT = 50
+#: Most columns whose ranges are told.
+_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ def force_columns(family: Family) -> list[str | None]:
         found = axes_of_force(numeric(family), family.side)
         ways = (_forces_by_unit, _normal_force)
         return found if any(found) else next(filter(any, (way(family) for way in ways)), found)
-    if not _is_called(_FORCE_STEM, family):
+    if not _is_called(_FORCE_STEM, family) or nanoseconds_beside("0", family.rows):
         return [None] * 3
     return numbered_forces(family)
 
@@ -286,6 +289,17 @@ def numbers(family: Family, column: str) -> NDArray[np.float64]:
         return np.array([float(stated(row[column]) or "nan") for row in family.rows])
     except ValueError:
         return np.array([])
+
+
+def looks_of(family: Family) -> str:
+    """What the columns of a table without names hold: the range of each, or its first word."""
+    said = []
+    for name, cell in family.rows[0].items():
+        values = numbers(family, name)
+        values = values[np.isfinite(values)] + 0.0  # no -0
+        are = f"{values.min():.10g} to {values.max():.10g}" if len(values) else repr(cell)
+        said.append(f"{name}: {are}")
+    return ", ".join(said[:_SHOWN])
 
 
 def moments(family: Family, column: str) -> NDArray[np.float64]:

@@ -25,6 +25,7 @@ from tactileforge.reading.guessed_columns import (
     force_columns,
     frame_column,
     leading_column,
+    looks_of,
     moments,
     numbered_forces,
     numbers,
@@ -42,6 +43,7 @@ from tactileforge.reading.guessed_numbers import (
 )
 from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.series import series_of
+from tactileforge.reading.split_times import nanoseconds_beside
 from tactileforge.reading.table_families import (
     RECORDING,
     Family,
@@ -258,6 +260,19 @@ def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
                 f"{pasted({'file': family.template, 'columns': columns, **(clock or {})})}"
             )
             break
+    for family in found:
+        rest = [name for name in numeric(family) if name not in ("0", "1")]
+        if not nanoseconds_beside("0", family.rows) or not is_for_all(family, units) or not rest:
+            continue
+        columns = [*rest[:3]] if len(rest) >= 3 else [None, None, rest[0]]
+        force = {"file": family.template, "columns": columns, "times": "0"}
+        force |= {} if units.is_dated else {"start": "contact"}
+        named = ", ".join(filter(None, columns))
+        doubts.append(
+            f"force: {family.template} has no names of columns and is not read: 0 and 1 look like "
+            f"seconds and nanoseconds ({looks_of(family)}); if {named} are forces: {pasted(force)}"
+        )
+        break
     for family in found:
         lead = leading_column(family)
         columns = numbered_forces(family) if lead else []
