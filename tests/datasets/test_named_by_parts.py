@@ -115,3 +115,25 @@ def test_a_table_names_the_pictures_of_both_sides_in_its_rows(clock: str, tmp_pa
     # both sides of a trial are held out together
     held_out = {one.key.split("/")[1] for one in data.recordings("val")}
     assert held_out.isdisjoint(one.key.split("/")[1] for one in data.recordings("train"))
+
+
+@pytest.mark.parametrize("shape", [(3,), (6,), (1, 3)])
+@pytest.mark.parametrize("name", ["force/{}.npy", "force_{}.npy"])
+def test_an_array_of_the_force_of_each_picture(
+    shape: tuple[int, ...], name: str, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(0)
+    pictures = "img/{}.png" if "/" in name else "img_{}.png"
+    for n in range(12):
+        picture, array = (tmp_path / one.format(f"{n:04d}") for one in (pictures, name))
+        for path in (picture, array):
+            path.parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(picture), rng.integers(0, 255, (48, 64, 3), np.uint8))
+        force = np.resize([0.1, -0.2, n / 10, 9, 9, 9], shape)
+        np.save(array, force)
+    found, _ = read(tmp_path)
+    assert len(found) == 12
+    for key, one in found.items():
+        assert one.force is not None
+        wanted = [[0.1, -0.2, int(Path(key).stem[-4:]) / 10]]
+        np.testing.assert_allclose(one.force, wanted, atol=1e-6)

@@ -23,6 +23,7 @@ from tactileforge.reading.table_clock import on_frames
 from tactileforge.reading.tables import (
     FoundRows,
     Row,
+    as_one_row,
     read_actions,
     read_cells,
     read_force,
@@ -152,7 +153,11 @@ class FrameTables:
         """Path of the table of a touch, and its rows."""
         path = touch.path(self.rows.folder, table.file)
         own = self._of_recording(table, path, touch.paths)
-        return path, FoundRows(self._images(table, path, touch.paths, note, own), own)
+        images = self._images(table, path, touch.paths, note, own)
+        is_array = path.suffix.lower() == ".npy" and template_columns(table.file)
+        if is_array and self.layout.each == "touch" and images is None and own is None:
+            own = as_one_row(read_cells(path, []))
+        return path, FoundRows(images, own)
 
     def _images(
         self,

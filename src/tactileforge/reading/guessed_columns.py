@@ -173,8 +173,9 @@ def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
     The folder counts where files are named by recordings (``forces/0001.npy``).
     """
     path = family.files[0]
-    own = pattern.fullmatch(path.stem.lower())
     named = family.template.rpartition("/")[2].removesuffix(path.suffix)
+    rest = re.sub(r"[_.-]?\{\w+\}[_.-]?", "", named)  # force of force_0001
+    own = pattern.fullmatch(path.stem.lower()) or pattern.fullmatch(rest.lower())
     is_of_one = re.fullmatch(r"(?:\{folder\}[_.-])?\{stem\}", named) is not None
     return bool(own or (is_of_one and pattern.fullmatch(path.parent.name.lower())))
 

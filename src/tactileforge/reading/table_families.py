@@ -14,7 +14,7 @@ from tactileforge.errors import TactileForgeError
 from tactileforge.reading.order import name_prefix, name_rest
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.sides import SIDE_NAMES
-from tactileforge.reading.tables import joined, read_cells
+from tactileforge.reading.tables import as_one_row, joined, read_cells
 from tactileforge.reading.trial_rows import RECORDING_WORDS, recordings_of
 from tactileforge.reading.view_words import apart_by_capitals
 from tactileforge.reading.written_names import ENDING, is_absolute, moved_path
@@ -149,7 +149,9 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
         if family.template.rpartition("/")[2].startswith("*"):
             path, family.key = path.with_name(f"*{path.suffix}"), FILE_COLUMN
         try:
-            family.rows = [cells for _, cells in read_cells(path, [])]
+            rows = read_cells(path, [])
+            is_of_image = units.each == "touch" and re.search(r"\{(?:stem|rest)\}", family.template)
+            family.rows = [cells for _, cells in (as_one_row(rows) if is_of_image else rows)]
         except TactileForgeError:  # the reader names it, once it is told to read it
             continue
         if family.key:  # others may lie beside those of images
@@ -167,11 +169,11 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
         key = None if _is_one_each(family) else _joint_key(family, units)
-        rows = [joined(cells, key) for cells in family.rows] if key else []
-        are_rows = key is not None and len({cells[key] for cells in rows}) == len(rows)
+        table = [joined(cells, key) for cells in family.rows] if key else []
+        are_rows = key is not None and len({cells[key] for cells in table}) == len(table)
         # rows of a recording each, before those of its trial
         if key and (are_rows or not family.apart):
-            family.rows = rows
+            family.rows = table
             family.key, family.apart = (key, None) if are_rows else (None, key)
             family.template = path.relative_to(units.root).as_posix()
         out.append(family)
