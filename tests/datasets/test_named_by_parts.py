@@ -137,3 +137,32 @@ def test_an_array_of_the_force_of_each_picture(
         assert one.force is not None
         wanted = [[0.1, -0.2, int(Path(key).stem[-4:]) / 10]]
         np.testing.assert_allclose(one.force, wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name", ["{}_before.png", "Before-{}.png", "press_{}/before.png", "beforehand_{}.png"]
+)
+@pytest.mark.parametrize("lacking", [0, 1])
+def test_a_picture_before_contact_is_the_background_of_that_after_it(
+    name: str, lacking: int, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(0)
+    for k in range(12):
+        before = tmp_path / name.format(k)
+        before.parent.mkdir(exist_ok=True)
+        picture = rng.integers(50, 150, (48, 64, 3), np.uint8)
+        cv2.imwrite(str(before), picture)
+        if k >= lacking:
+            after = name.replace("before", "after").replace("Before", "After").format(k)
+            cv2.imwrite(str(tmp_path / after), picture + np.uint8(40))
+    found, doubts = read(tmp_path)
+    if lacking or "hand" in name:  # pictures of any kind
+        assert len(found) == 24 - lacking
+        assert "background: none was found, so nothing is subtracted" in doubts
+        return
+    assert len(found) == 12
+    assert any(line.startswith("background:") and "by its name" in line for line in doubts)
+    for key, one in found.items():
+        assert "fter" in key
+        assert one.no_contact is not None
+        np.testing.assert_array_equal(one.frames.read([0]), one.no_contact.read([0]) + 40)

@@ -206,7 +206,7 @@ class _Places:
             if is_of_rest and (rest := name_rest(stem)):
                 self._part.setdefault((parts[:-1], rest), ("{rest}", parts))
             prefix = name_prefix(stem)
-            if prefix and stem[len(prefix) :].strip(_BETWEEN).lower() in SIDE_NAMES:
+            if prefix and stem[len(prefix) :].strip(_BETWEEN).lower() in SIDE_NAMES | {"after"}:
                 self._part.setdefault((parts[:-1], prefix), ("{prefix}", parts))
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], prefix), parts)
