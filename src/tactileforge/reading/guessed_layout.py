@@ -21,6 +21,7 @@ from tactileforge.reading.sides import SIDE_NAMES, SIDES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.view_words import scenes, words_of
 
+_NUMBER = re.compile(r"\d+")
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
 #: Names of texts about a data set.
@@ -28,6 +29,8 @@ _ABOUT = re.compile(
     "readme|licen[cs]e|copying|copyright|requirements|changelog|citation|authors|notes?$|todo|"
     "cmakelists|version"
 )
+#: Endings of archives, of which folders of their names may be beside them.
+_ARCHIVES = frozenset({".zip", ".7z", ".rar", ".tar", ".gz", ".tgz"})
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
 
@@ -41,7 +44,8 @@ def guess_layout(root: Path) -> Guess | None:
     Returns:
         Options of the data set ``recordings``; None for a folder without videos and images.
     """
-    found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
+    paths = sorted(matches(root, "**/*"))
+    found = (path for path in paths if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
     kinds = [of_endings(files, VIDEOS), stacks(files), of_endings(files, IMAGE_SUFFIXES)]
@@ -64,6 +68,8 @@ def guess_layout(root: Path) -> Guess | None:
     ]
     seen = {*media}.union(*(part.read for part in parts))
     doubts += left_out(_unread(files, seen, doubts), root)
+    if len(files) < _MOST_FILES:
+        doubts += _without_media(paths, media, root)
     layout = parts[0].layout
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": layouts}
@@ -79,7 +85,34 @@ def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> li
         if path not in seen and (path.suffix.lower() in endings or conversion(path))
         if not (path.suffix.lower() in NOTES and _ABOUT.match(path.stem.lower()))
         if not any(path.name in line for line in doubts)
+        if not (path.suffix.lower() in _ARCHIVES and _unpacked(path).is_dir())
     ]
+
+
+def _unpacked(path: Path) -> Path:
+    return path.with_name(path.name.partition(".")[0])
+
+
+def _without_media(paths: Sequence[Path], media: Sequence[Path], root: Path) -> list[str]:
+    """Line about folders named as those of recordings, but for a number, without pictures."""
+
+    def name(path: Path) -> str:
+        return path.relative_to(root).as_posix()
+
+    folders = {folder for path in {path.parent for path in media} for folder in path.parents}
+    folders |= {path.parent for path in media}
+    alike = {_NUMBER.sub("0", name(path)) for path in folders if path.is_relative_to(root)}
+    empty = [
+        path
+        for path in paths
+        if path not in folders
+        if path.parent in folders and _NUMBER.search(path.name)
+        if _NUMBER.sub("0", name(path)) in alike and path.is_dir()
+    ]
+    if not empty:
+        return []
+    more = f" and {len(empty) - 1} more have" if len(empty) > 1 else " has"
+    return [f"touch: {name(empty[0])}{more} no picture or film of touch, and no recording is there"]
 
 
 def _parts(
