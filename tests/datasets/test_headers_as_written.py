@@ -167,3 +167,34 @@ def test_columns_of_0_and_1_are_tracks(tmp_path: Path) -> None:
     for one in found:
         assert one.tracks.keys() == {"contact", "slip"}
         np.testing.assert_array_equal(one.tracks["slip"], slip)
+
+
+def test_messages_without_names_of_columns_are_asked_for(tmp_path: Path) -> None:
+    start = 1_715_600_000
+    for k in range(3):
+        images = tmp_path / f"trial_{k}/gelsight"
+        images.mkdir(parents=True)
+        rows = []
+        for i in range(30):
+            now = (start + 100 * k) * 10**9 + 70_000_000 * i
+            picture = np.full((48, 64, 3), 60 + i, np.uint8)
+            Image.fromarray(picture).save(images / f"{now}.png")
+            force = f"{0.01 * i},{-0.02 * i},{0.1 * (k + 1) * i}"
+            rows.append(f"{now // 10**9},{now % 10**9},ft_link,{force},0,0,0")
+        (tmp_path / f"trial_{k}/wrench.csv").write_text("\n".join(rows) + "\n")
+    guess = Recordings.recognise(tmp_path)
+    assert guess is not None
+    (line,) = (line for line in guess.doubts if line.startswith("force:"))
+    assert "0 and 1 look like seconds and nanoseconds (0: 1715600000 to 1715600002, 1: 0 to" in line
+    assert "2: 'ft_link', 3: 0 to 0.29, 4: -0.58 to 0, 5: 0 to 2.9, 6: 0 to 0" in line
+    ((name, layout),) = guess.options["layouts"].items()
+    assert "force" not in layout
+    force = yaml.safe_load(line.partition("if 3, 4, 5 are forces: ")[2])
+    data = Recordings(str(tmp_path), layouts={name: {**layout, **force}})
+    found = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert len(found) == 3
+    for one in found:
+        k, n = int(one.key.split("/")[1][-1]), np.arange(30)
+        assert one.force is not None
+        wanted = np.stack([0.01 * n, -0.02 * n, 0.1 * (k + 1) * n], 1)
+        np.testing.assert_allclose(one.force, wanted, atol=1e-5)

@@ -1,6 +1,9 @@
 """Formats recognised in folders, layouts guessed from files, and the command to keep them."""
 
 import json
+import shlex
+import subprocess
+import sys
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +19,7 @@ from tactileforge.datasets.recognition import recognise
 from tactileforge.datasets.recordings import Recordings
 from tactileforge.errors import ConfigError, DataError, DataNotFoundError
 from tactileforge.packing import PackOptions, pack
+from tactileforge.plugin import build
 from tactileforge.plugins import registry
 from tactileforge.reading.guessing.layout import guess_layout
 from tactileforge.util.untrusted import load_yaml
@@ -54,6 +58,36 @@ def test_folders_of_classes_are_touches(tmp_path: Path) -> None:
     found = read(tmp_path / "photos", guess_layout(tmp_path / "photos"))
     assert len(found) == 16
     assert {touch.object for touch in found} == {"bolt", "nut"}
+
+
+@pytest.mark.parametrize("mark", [",", ";"])
+def test_a_table_of_taxels_says_the_command_to_read_it(
+    mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "labels.csv").write_text("file_1,file_2,file_3,file_4\n1,2,3,4\n")
+    for k in range(2):
+        rows = [["time", *(f"taxel_{i}" for i in range(16)), "force_z"]]
+        rows += [[n / 20, *(n + i for i in range(16)), 0.1 * (k + 1) * n] for n in range(20)]
+        lines = [mark.join(map(str, row)) for row in rows]
+        (tmp_path / f"press_{k}.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(DataNotFoundError, match=r"press_0.csv is a table of 16 taxels, .* 1 more"):
+        recognise(tmp_path)
+    with pytest.raises(DataNotFoundError) as error:
+        recognise(tmp_path / "press_1.csv")
+    command = str(error.value).partition("in its folder: ")[2]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "labels.csv").unlink()
+    subprocess.run([sys.executable, *shlex.split(command)[1:]], check=True)
+    recognise.cache_clear()
+    (name, guess), *_ = recognise(tmp_path)
+    data = build("datasets", {"name": name, **guess.options})
+    found = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert len(found) == 2
+    for one in found:
+        k = int(one.key.split("/")[0][-1])
+        assert one.frames.shape == (4, 4)
+        np.testing.assert_allclose(one.force[:, 2], 0.1 * (k + 1) * np.arange(20), atol=1e-6)
+        np.testing.assert_allclose(one.times, np.arange(20) / 20)
 
 
 @pytest.mark.parametrize("stamped", [False, True])

@@ -157,3 +157,34 @@ def test_a_trial_that_is_not_there_is_named(tmp_path: Path) -> None:
         for name, own in found.items()
         if name != "x/trial_0" and own is not None
     )
+
+
+@pytest.mark.parametrize("clock", ["frame", "t"])
+@pytest.mark.parametrize("inner", ["", "/images"])
+def test_a_table_of_a_trial_names_the_side_of_each_row(
+    clock: str, inner: str, tmp_path: Path
+) -> None:
+    sides = ["left", "right"]
+    for trial in range(TRIALS):
+        lines = [f"{clock},finger,fx,fy,fz"]
+        for n in range(COUNT):
+            for k, side in enumerate(sides):
+                folder = tmp_path / f"trial_{trial}/{side}{inner}"
+                folder.mkdir(parents=True, exist_ok=True)
+                grey = 20 + 100 * k + 20 * trial + n
+                Image.fromarray(np.full((12, 16, 3), grey, np.uint8)).save(folder / f"{n:03d}.png")
+                at = n if clock == "frame" else f"{n / 20:.2f}"
+                lines.append(f"{at},{side},{0.1 * k},{0.1 * trial},{0.25 * n * (k + 1)}")
+        (tmp_path / f"trial_{trial}/forces.csv").write_text("\n".join(lines) + "\n")
+    found, doubts = read(tmp_path)
+    assert "forces.csv are of the recording that finger names" in doubts
+    assert len(found) == 2 * TRIALS
+    for one in found:
+        k, trial = sides.index(one.key.split("/")[2]), int(one.key.split("/")[1][-1])
+        rows = np.arange(COUNT)
+        wanted = np.stack([0 * rows + 0.1 * k, 0 * rows + 0.1 * trial, 0.25 * rows * (k + 1)], 1)
+        assert one.force is not None
+        np.testing.assert_allclose(one.force, wanted, atol=1e-6)
+        assert one.frames.read([3])[0, 0, 0, 0] == 23 + 100 * k + 20 * trial
+        if clock == "t":  # as long as the forces
+            np.testing.assert_allclose(one.times, rows / 20)

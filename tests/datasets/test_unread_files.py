@@ -143,3 +143,24 @@ def test_categories_of_coco_are_labels_of_images(tmp_path: Path) -> None:
     content["annotations"].append({"id": 9, "image_id": 7, "category_id": 1})  # type: ignore[attr-defined]
     path.write_text(json.dumps(content))
     assert [cells for _, cells in read_records(path)] == [{"file_name": name} for name in names]
+
+
+def test_a_folder_of_a_trial_without_pictures_is_named(tmp_path: Path) -> None:
+    for k in range(3):
+        for n in range(8):
+            picture(tmp_path / f"trial_{k}/gel/{n}.png", 60 + n)
+    (tmp_path / "notes_3").mkdir()
+    (tmp_path / "trial").mkdir()
+
+    def lines() -> list[str]:
+        guess = Recordings.recognise(tmp_path)
+        assert guess is not None
+        return [line for line in guess.doubts if line.startswith("touch:")]
+
+    assert lines() == []
+    (tmp_path / "trial_3/gel").mkdir(parents=True)
+    there = "no picture or film of touch, and no recording is there"
+    assert lines() == [f"touch: trial_3 has {there}"]
+    (tmp_path / "trial_12").mkdir()
+    (tmp_path / "trial_12/forces.csv").write_text("frame,fz\n0,1\n")
+    assert lines() == [f"touch: trial_12 and 1 more have {there}"]

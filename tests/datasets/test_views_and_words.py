@@ -66,6 +66,41 @@ def test_a_film_of_the_scene_is_the_camera_of_touch(tmp_path: Path) -> None:
     assert "camera: {folder}/WebcamVideo.avi is the view of the scene" in doubts
 
 
+@pytest.mark.parametrize("days", [[""], ["mon/", "tue/"]])
+@pytest.mark.parametrize(
+    ("touch", "view"),
+    [
+        ("touch/trial_{}", "vision/trial_{}"),
+        ("touch/trial_{}", "vision/trial_{}/rgb"),
+        ("touch/trial_{}", "camera/trial_{}.avi"),
+        ("touch/trial_{}/film.avi", "camera/trial_{}/film.avi"),
+        ("touch/trial_{}.avi", "camera/trial_{}/a.avi"),
+    ],
+)
+@pytest.mark.parametrize("table", ["ft/trial_{}.csv", "ft/trial_{}/data.csv"])
+def test_trees_of_touch_views_and_forces_belong_together(
+    touch: str, view: str, table: str, days: list[str], tmp_path: Path
+) -> None:
+    if touch.count("/") > 1:
+        days = [""]  # a folder above that of the trial's has no column
+    takes = [(day, k) for day in days for k in range(3)]
+    for day, k in takes:
+        for name, grey in ((touch, 40), (view, 140)):
+            make = video if name.endswith(".avi") else images
+            make(tmp_path / day / name.format(k), grey + 20 * k)
+        path = tmp_path / day / table.format(k)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        rows = [f"{n},0,0,{(k + 1) * FORCE[n]:.4f}" for n in range(COUNT)]
+        path.write_text("\n".join(["frame,fx,fy,fz", *rows]) + "\n")
+    found, _ = read(tmp_path)
+    assert sorted(found) == sorted(day + touch.format(k) for day, k in takes)
+    for day, k in takes:
+        one = found[day + touch.format(k)]
+        assert one.image is not None
+        assert abs(one.image.read([0]).mean() - (140 + 20 * k)) < 3
+        check(one, k + 1)
+
+
 def test_folders_of_views_and_depth_are_no_touch(tmp_path: Path) -> None:
     for k in range(3):
         for name in ("tactile_left", "tactile_right", "tactile_left_depth", "realsense"):

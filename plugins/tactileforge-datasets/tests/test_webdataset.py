@@ -1,6 +1,7 @@
 """The data set ``webdataset``: splits, exact resumption, servers, guesses, commands."""
 
 import json
+import subprocess
 import threading
 from collections.abc import Iterator
 from functools import partial
@@ -263,9 +264,15 @@ def test_a_folder_of_a_take_in_a_tar_is_a_clip_and_its_table_is_named(tmp_path: 
     guess = WebDataset.recognise(tmp_path)
     assert guess is not None
     assert guess.options["layout"]["samples"] == "{clip}/{frame}"
-    assert any("trial_0/forces.csv) is not read; unpack the tars" in line for line in guess.doubts)
+    (line,) = (line for line in guess.doubts if "trial_0/forces.csv) is not read" in line)
     (one,) = WebDataset(**{**guess.options, "val": 0}).recordings("train")
     assert len(one.frames) == 5
+    # what it says leads to the files
+    command = line.partition("in their folder, ")[2].partition(", and read")[0]
+    subprocess.run(["sh", "-c", command], cwd=tmp_path, check=True)
+    assert (tmp_path / "trial_0/forces.csv").read_text() == "t,fz\n0,1\n"
+    assert WebDataset.recognise(tmp_path) is None
+    assert WebDataset.recognise(tmp_path / "trial_0.tar") is not None
 
 
 def test_what_is_not_guessed(tmp_path: Path) -> None:

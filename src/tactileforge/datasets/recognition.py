@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import shlex
 from functools import cache
 from pathlib import Path
@@ -11,12 +12,23 @@ from tactileforge.contracts import Guess
 from tactileforge.errors import DataError, DataNotFoundError, PluginError
 from tactileforge.plugins import registry
 from tactileforge.reading import matches
+from tactileforge.reading.guessing.view_words import says_touch, words_of
 from tactileforge.reading.records import conversion, stack_fault
 from tactileforge.util.pointers import check_pointer
 
 #: Largest number of files of an unknown folder that are looked at: pointers of Git LFS, and files
 #: that can be converted.
 _LOOKED = 1000
+#: Column of a taxel of several, and least number of such columns of a table of taxels.
+_TAXEL, _TAXELS = re.compile(r"([A-Za-z_]*[A-Za-z])_?\d+"), 4
+#: Longest line of names of columns.
+_LONGEST = 1 << 16
+_TO_NPZ = (
+    'python -c "import glob, numpy as n; [n.savez(p[:-4], taxels=n.stack([t[c] for c in '
+    "t.dtype.names if c.startswith('{0}')], 1), **{{c: t[c] for c in t.dtype.names if not "
+    "c.startswith('{0}')}}) for p in glob.glob('*{1}') for t in [n.genfromtxt(p, delimiter='{2}', "
+    'names=True)]]"'
+)
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +83,7 @@ def recognise(path: Path) -> tuple[tuple[str, Guess], ...]:
 
 def _about(path: Path) -> str:
     """Kind of an unread file, and a way to convert it; "" for a file of no such kind."""
-    how = conversion(path) or _film(path)
+    how = conversion(path) or _film(path) or _taxels(path)
     return f"{path} is {how}" if how else stack_fault(path)
 
 
@@ -80,3 +92,23 @@ def _film(path: Path) -> str:
     if path.suffix.lower() != ".gif":
         return ""
     return f"a GIF, of 256 colours: ffmpeg -i {shlex.quote(path.name)} -c:v ffv1 {path.stem}.mkv"
+
+
+def _taxels(path: Path) -> str:
+    """Kind of a table with a column of each taxel, and a way to convert it; "" for another file."""
+    mark = {".csv": ",", ".tsv": "\\t"}.get(path.suffix.lower())
+    if mark is None or not path.is_file():
+        return ""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            header = file.readline(_LONGEST)
+    except OSError:
+        return ""
+    mark = ";" if mark == "," and header.count(";") > header.count(",") else mark
+    names = [name.strip(" \"'\n") for name in header.split("\t" if mark == "\\t" else mark)]
+    words = [match[1] for name in names if (match := _TAXEL.fullmatch(name))]
+    for word in dict.fromkeys(words):
+        if words.count(word) >= _TAXELS and says_touch(words_of(word)):
+            how = _TO_NPZ.format(word, path.suffix, mark)
+            return f"a table of {words.count(word)} taxels, read as an npz; in its folder: {how}"
+    return ""

@@ -23,6 +23,7 @@ from tactileforge.reading.table_clock import on_frames
 from tactileforge.reading.tables import (
     FoundRows,
     Row,
+    as_one_row,
     read_actions,
     read_cells,
     read_force,
@@ -152,7 +153,11 @@ class FrameTables:
         """Path of the table of a touch, and its rows."""
         path = touch.path(self.rows.folder, table.file)
         own = self._of_recording(table, path, touch.paths)
-        return path, FoundRows(self._images(table, path, touch.paths, note, own), own)
+        images = self._images(table, path, touch.paths, note, own)
+        is_array = path.suffix.lower() == ".npy" and template_columns(table.file)
+        if is_array and self.layout.each == "touch" and images is None and own is None:
+            own = as_one_row(read_cells(path, []))
+        return path, FoundRows(images, own)
 
     def _images(
         self,
@@ -193,7 +198,7 @@ class FrameTables:
     def _of_recording(
         self, table: FrameTable, path: Path, paths: Sequence[Path]
     ) -> list[Row] | None:
-        """Rows of the recording in a table for all that names it; None for other tables."""
+        """Rows of the recording in a table that names it; None for other tables."""
         if not table.key or not (table.frame or table.time):
             return None
         is_film = self.layout.each == "video"
@@ -205,14 +210,23 @@ class FrameTables:
                 place.relative_to(self.rows.folder).as_posix(): place
                 for place in dict.fromkeys(places)
             }
-            told = recordings_of([cells[table.key] for _, cells in rows], [*names])
+            written = [cells[table.key] for _, cells in rows]
+            told: Mapping[str, Sequence[str]] = {}
+            if template_columns(table.file):  # those beside the table are meant first
+                place = paths[0] if is_film else paths[0].parent
+                inner = self.rows.folder != path.parent and place.is_relative_to(path.parent)
+                above = path.parent if inner else place.parent
+                near = [name for name, one in names.items() if one.is_relative_to(above)]
+                told = recordings_of(written, near)
+            if not told.keys() >= {*written}:
+                told = {**recordings_of(written, [*names]), **told}
             grouped: dict[Path, list[Row]] = {}
             for where, cells in rows:
                 if cells[table.key] not in told:
-                    near = get_close_matches(cells[table.key], [*names], 1) or [*names][:1]
+                    alike = get_close_matches(cells[table.key], [*names], 1) or [*names][:1]
                     raise DataError(
                         f"{where}: {table.key} {cells[table.key]!r} names no recording, or several "
-                        f"(one that there is: {near[0]!r}); correct the row, or remove it"
+                        f"(one that there is: {alike[0]!r}); correct the row, or remove it"
                     )
                 for name in told[cells[table.key]]:
                     grouped.setdefault(names[name], []).append((where, cells))

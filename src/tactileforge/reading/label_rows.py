@@ -10,7 +10,7 @@ from tactileforge.data.labels.missing import stated
 from tactileforge.errors import ConfigError, DataError, unknown
 from tactileforge.reading.files import names_below
 from tactileforge.reading.layout import DatasetLayout
-from tactileforge.reading.order import name_prefix
+from tactileforge.reading.order import name_prefix, name_rest
 from tactileforge.reading.tables import joined, read_cells
 from tactileforge.reading.templates import template_columns, template_parts
 from tactileforge.reading.trial_rows import recordings_of
@@ -24,8 +24,8 @@ class LabelRow:
     Attributes:
         where: CSV and line, or the file itself without a row.
         cells: Values of the CSV by column; "" for a missing one.
-        words: Values by column, with ranks as words, and ``file``, ``stem``, ``prefix``, ``folder``
-            and ``parent``.
+        words: Values by column, with ranks as words, and ``file``, ``stem``, ``prefix``, ``rest``,
+            ``folder`` and ``parent``.
         images: Rows of the images of a folder, by file; empty for a folder with one row.
         mixed: Description of the difference, by column, for columns of unequal rows of a folder.
     """
@@ -313,6 +313,7 @@ def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
         "file": name,
         "stem": stem,
         "prefix": name_prefix(stem),
+        "rest": name_rest(stem),
         "folder": folder.name,
         "parent": folder.parent.name,
     }

@@ -97,6 +97,16 @@ def name_prefix(stem: str) -> str:
     return re.sub(last, "", stem).rstrip("_-. ")
 
 
+def name_rest(stem: str) -> str:
+    """The part of a name after its first word; "" for a name of one.
+
+    Example:
+        >>> name_rest("Left_trial1"), name_rest("video-2_b"), name_rest("trial1")
+        ('trial1', '2_b', '')
+    """
+    return re.sub(r"^[^_\-. ]+[_\-. ]*", "", stem)
+
+
 def by_pattern(paths: Sequence[Path], pattern: str, layout: str) -> list[Path]:
     """Images sorted by a number in their names, found by a pattern.
 

@@ -31,6 +31,8 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
         >>> part_of_second("stamp.sec", rows)(rows[0][1])
         Decimal('0.25')
     """
+    if nanoseconds := nanoseconds_beside(column, [cells for _, cells in rows]):
+        return lambda cells: Decimal(cells[nanoseconds]) / 10**9
     header = {name.casefold().strip(): name for name in (rows[0][1] if rows else {})}
     plain = column.casefold().strip()
     for begin, count in _PARTS.items() if _SECONDS.search(plain) else ():
@@ -47,3 +49,24 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
             ):
                 return lambda cells, beside=beside, count=count: Decimal(cells[beside]) / count  # type: ignore[misc]
     return lambda cells: Decimal(0)
+
+
+def nanoseconds_beside(column: str, rows: Sequence[Cells]) -> str:
+    """Column of nanoseconds behind that of seconds since 1970, both with numbers for names.
+
+    Args:
+        column: Column of the seconds.
+        rows: Cells of each row.
+
+    Returns:
+        The column; "" without one, and for columns with names.
+    """
+    beside = str(int(column) + 1) if column.isdecimal() else ""
+    if not rows or beside not in rows[0]:
+        return ""
+    pairs = [(cells[column], cells[beside]) for cells in rows]
+    if not all(first.isdecimal() and then.isdecimal() for first, then in pairs):
+        return ""
+    # ten digits from 2001 to 2286; all nanoseconds of a message below a millisecond are unlikely
+    are_seconds = all(len(first) == 10 and int(then) < 10**9 for first, then in pairs)
+    return beside if are_seconds and max(int(then) for _, then in pairs) >= 10**6 else ""

@@ -356,6 +356,18 @@ def _rows(path: Path, needed: Sequence[str], whole: bool) -> list[Row]:
     return rows
 
 
+def as_one_row(rows: Sequence[Row]) -> list[Row]:
+    """Rows of a table of one image: an array of 3 or 6 numbers is one row, not as many.
+
+    Example:
+        >>> as_one_row([("a.npy, row 0", {"0": "1"}), ("", {"0": "2"}), ("", {"0": "3"})])
+        [('a.npy, row 0', {'0': '1', '1': '2', '2': '3'})]
+    """
+    if len(rows) not in (3, 6) or any(list(cells) != ["0"] for _, cells in rows):
+        return list(rows)
+    return [(rows[0][0], {str(i): cells["0"] for i, (_, cells) in enumerate(rows)})]
+
+
 def _spread(rows: list[Row]) -> list[Row]:
     """Rows with the values within their cells as columns of their own."""
     for inner in in_cells([cells for _, cells in rows]).values():

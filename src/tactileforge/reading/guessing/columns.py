@@ -28,6 +28,7 @@ from tactileforge.reading.guessing.force_headers import (
 )
 from tactileforge.reading.guessing.numbers import named_time_unit
 from tactileforge.reading.guessing.view_words import apart_by_capitals, words_of
+from tactileforge.reading.split_times import nanoseconds_beside
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
@@ -73,6 +74,8 @@ _FORCE_STEM = re.compile(rf"(?:.*[_.-])?(?:forces?|loads?|wrench(?:es)?|ft|fxyz|
 _TIME_STEM = re.compile(rf"(?:.*[_.-])?(?:times?|timestamps?|stamps?|t){_SPLIT}")
 #: Most tables of a family that are looked at for a value of all their rows.
 _LOOKED_AT = 50
+#: Most columns whose ranges are told.
+_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,7 @@ def force_columns(family: Family) -> list[str | None]:
         found = axes_of_force(numeric(family), family.side)
         ways = (_forces_by_unit, _normal_force)
         return found if any(found) else next(filter(any, (way(family) for way in ways)), found)
-    if not _is_called(_FORCE_STEM, family):
+    if not _is_called(_FORCE_STEM, family) or nanoseconds_beside("0", family.rows):
         return [None] * 3
     return numbered_forces(family)
 
@@ -176,8 +179,9 @@ def _is_called(pattern: re.Pattern[str], family: Family) -> bool:
     The folder counts where files are named by recordings (``forces/0001.npy``).
     """
     path = family.files[0]
-    own = pattern.fullmatch(path.stem.lower())
     named = family.template.rpartition("/")[2].removesuffix(path.suffix)
+    rest = re.sub(r"[_.-]?\{\w+\}[_.-]?", "", named)  # force of force_0001
+    own = pattern.fullmatch(path.stem.lower()) or pattern.fullmatch(rest.lower())
     is_of_one = re.fullmatch(r"(?:\{folder\}[_.-])?\{stem\}", named) is not None
     return bool(own or (is_of_one and pattern.fullmatch(path.parent.name.lower())))
 
@@ -292,6 +296,17 @@ def numbers(family: Family, column: str) -> NDArray[np.float64]:
         return np.array([float(stated(row[column]) or "nan") for row in family.rows])
     except ValueError:
         return np.array([])
+
+
+def looks_of(family: Family) -> str:
+    """What the columns of a table without names hold: the range of each, or its first word."""
+    said = []
+    for name, cell in family.rows[0].items():
+        values = numbers(family, name)
+        values = values[np.isfinite(values)] + 0.0  # no -0
+        are = f"{values.min():.10g} to {values.max():.10g}" if len(values) else repr(cell)
+        said.append(f"{name}: {are}")
+    return ", ".join(said[:_SHOWN])
 
 
 def moments(family: Family, column: str) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice, permutations
 from pathlib import Path, PurePath
@@ -12,10 +12,10 @@ from typing import TypeAlias
 from tactileforge.data.labels.missing import stated
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessing.view_words import apart_by_capitals
-from tactileforge.reading.order import name_prefix
+from tactileforge.reading.order import name_prefix, name_rest
 from tactileforge.reading.records import FILE_COLUMN, RECORDS
 from tactileforge.reading.sides import SIDE_NAMES
-from tactileforge.reading.tables import joined, read_cells
+from tactileforge.reading.tables import as_one_row, joined, read_cells
 from tactileforge.reading.trial_rows import RECORDING_WORDS, recordings_of
 from tactileforge.reading.written_names import ENDING, is_absolute, moved_path
 
@@ -37,6 +37,8 @@ _PART = re.compile(r"\d+(?:\.0+)?|\d+(?:[-_:]\d+)+|.*[^\W\d_].*")
 _MOST_COLUMNS, _MOST_PART = 5, 0.5
 #: Marks between the names of a folder and of a recording in it, in the name of a table.
 _MARKS = "_-."
+#: Marks between the words of a name.
+_BETWEEN = "_-. "
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class Family:
         unit: A recording of the first table.
         rows: Cells of that table.
         key: Column with the names of images or recordings; None without one.
-        apart: Column that names the recording of each of several rows, in a table for all; None
+        apart: Column that names the recording of each of several rows, in a table of several; None
             for other tables.
         side: Side of the touch that is asked for, such as ``left``; "" for none.
     """
@@ -147,7 +149,9 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
         if family.template.rpartition("/")[2].startswith("*"):
             path, family.key = path.with_name(f"*{path.suffix}"), FILE_COLUMN
         try:
-            family.rows = [cells for _, cells in read_cells(path, [])]
+            rows = read_cells(path, [])
+            is_of_image = units.each == "touch" and re.search(r"\{(?:stem|rest)\}", family.template)
+            family.rows = [cells for _, cells in (as_one_row(rows) if is_of_image else rows)]
         except TactileForgeError:  # the reader names it, once it is told to read it
             continue
         if family.key:  # others may lie beside those of images
@@ -165,11 +169,11 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
         key = None if _is_one_each(family) else _joint_key(family, units)
-        rows = [joined(cells, key) for cells in family.rows] if key else []
-        are_rows = key is not None and len({cells[key] for cells in rows}) == len(rows)
+        table = [joined(cells, key) for cells in family.rows] if key else []
+        are_rows = key is not None and len({cells[key] for cells in table}) == len(table)
         # rows of a recording each, before those of its trial
         if key and (are_rows or not family.apart):
-            family.rows = rows
+            family.rows = table
             family.key, family.apart = (key, None) if are_rows else (None, key)
             family.template = path.relative_to(units.root).as_posix()
         out.append(family)
@@ -184,16 +188,37 @@ class _Places:
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
         self._near: dict[tuple[Parts, str], Parts] = {}
+        self._alike: dict[tuple[Parts, str, str], Parts] = {}
+        self._named: dict[tuple[Parts, str], tuple[Parts, Parts | None]] = {}
+        self._part: dict[tuple[Parts, str], tuple[str, Parts]] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
         self._images: dict[Parts, frozenset[str]] = {}
+        names = {parts: self._name(parts) for parts in units.files}
+        first = {
+            name.removesuffix(name_rest(name)).rstrip(_BETWEEN).lower() for name in names.values()
+        }
+        # what follows any other first word may be of another recording
+        is_of_rest = len(first) == 1 or first <= SIDE_NAMES
         for parts, paths in units.files.items():
-            stem = self._name(parts)
+            stem = names[parts]
+            if is_of_rest and (rest := name_rest(stem)):
+                self._part.setdefault((parts[:-1], rest), ("{rest}", parts))
+            prefix = name_prefix(stem)
+            if prefix and stem[len(prefix) :].strip(_BETWEEN).lower() in SIDE_NAMES | {"after"}:
+                self._part.setdefault((parts[:-1], prefix), ("{prefix}", parts))
             self._exact.setdefault((parts[:-1], stem), parts)
-            self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
+            self._prefix.setdefault((parts[:-1], prefix), parts)
             for depth in range(len(parts)):
                 self._near.setdefault((parts[:depth], stem), parts)
+            for depth in range(len(parts) - 1):
+                self._alike.setdefault((parts[:depth], parts[-2], stem), parts)
+            for place, name in ((parts, stem), (parts[:-1], "".join(parts[-2:-1]))):
+                for depth in range(len(place)):
+                    key = parts[:depth], name
+                    if self._named.setdefault(key, (place, parts))[0] != place:
+                        self._named[key] = place, None
             for mark in _MARKS if len(parts) > 1 else "":
                 self._joint.setdefault(f"{parts[-2]}{mark}{stem}", parts)
             self._inside.setdefault(parts[:-1], []).append(parts)
@@ -210,28 +235,35 @@ class _Places:
     def of(self, table: PurePath) -> tuple[str, Parts]:
         """Template of a table, and one of its recordings."""
         folder, stem = table.parts[:-1], table.stem
-        below = next(
-            self._below[folder[:depth]]
-            for depth in range(len(folder), -1, -1)
-            if folder[:depth] in self._below
-        )
+        inside = next(i for i in range(len(folder), -1, -1) if folder[:i] in self._below)
+        below = self._below[folder[:inside]]
         if self.units.each == "sequence":
             # a file per image: {file}/*.json
-            for inside in (folder, below):
-                if stem in self._images.get(inside, ()) and table.suffix.lower() in RECORDS:
-                    return f"{self._folder(folder, inside)}/*{table.suffix}".lstrip("/"), inside
+            for of in (folder, below):
+                if stem in self._images.get(of, ()) and table.suffix.lower() in RECORDS:
+                    return f"{self._folder(folder, of)}/*{table.suffix}".lstrip("/"), of
         unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
-            near = (self._near.get((folder[:i], stem)) for i in range(len(folder), -1, -1))
-            unit = max(beside, key=len, default=None) or next(filter(None, near), None)
-            unit = unit or self._joint.get(stem)
+            depths = range(len(folder), -1, -1)
+            alike = (self._alike.get((folder[:i], folder[-1], stem)) for i in depths if folder)
+            near = (self._near.get((folder[:i], stem)) for i in depths)
+            unit = max(beside, key=len, default=None) or next(filter(None, alike), None)
+            unit = unit or next(filter(None, near), None) or self._joint.get(stem)
         prefix = name_prefix(stem)
         if unit is None and self.units.each == "video" and prefix:
             unit = self._prefix.get((folder, prefix))
             if unit is not None:
                 stem = "{prefix}" + stem[len(prefix) :]
-        unit = below if unit is None else unit
+        for text in (stem, prefix, name_rest(stem)) if unit is None else ():
+            if text and (found := self._part.get((folder, text))):
+                word, unit = found
+                stem = word.join(stem.rsplit(text, 1))
+                break
+        if unit is None:  # as in touch/trial_1 and vision/trial_1
+            names = (stem, *reversed(folder[inside:]))
+            named = (self._named.get((folder[:inside], name)) for name in names)
+            unit = next((one[1] for one in named if one and one[1]), below)
         name = self._name(unit)
         above = unit[-2] if len(unit) > 1 else ""
         if unit and _starts(stem, name):
@@ -252,10 +284,11 @@ class _Places:
             words.get(i, part) if folder[: i + 1] == unit[: i + 1] else part
             for i, part in enumerate(folder)
         ]
-        if out and out[-1] == folder[-1] and len(unit) > 1 and folder[-1] == unit[-2]:
-            out[-1] = "{folder}"
-        if out and unit and folder[-1] == self._name(unit):
-            out[-1] = "{stem}"
+        for i, part in enumerate(out):
+            if part == folder[i] and unit[-2:-1] == (part,):
+                out[i] = "{folder}"
+            if folder[i] == self._name(unit) and (i == len(out) - 1 or out[i] == part):
+                out[i] = "{stem}"
         return "/".join(out)
 
 
@@ -272,11 +305,10 @@ def _filled(family: Family, units: Units) -> Iterator[bool]:
             f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
         }
     above = family.template.split("/")[:-1]
-    # folders of one recording in a template are of no other
-    own = [(i, name) for i, name in enumerate(above) if family.unit[i : i + 1] == (name,)]
+    # names of some recordings or folders in a template are of no others
+    own = {*above}.intersection(chain.from_iterable(units.files))
     for unit in units.files:
-        is_own = all(unit[i : i + 1] == (name,) for i, name in own)
-        yield is_own and table_of(family, unit, units) in there
+        yield own <= {*unit} and table_of(family, unit, units) in there
 
 
 def table_of(family: Family, unit: Parts, units: Units) -> str:
@@ -284,8 +316,8 @@ def table_of(family: Family, unit: Parts, units: Units) -> str:
     padded = ("", "", *unit)
     stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
     name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
-    name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
-    return name.replace("{parent}", padded[-3])
+    name = name.replace("{prefix}", name_prefix(stem)).replace("{rest}", name_rest(stem))
+    return name.replace("{folder}", padded[-2]).replace("{parent}", padded[-3])
 
 
 def is_for_all(family: Family, units: Units) -> bool:
@@ -311,16 +343,25 @@ def without_table(family: Family, units: Units) -> list[Parts]:
     )
 
 
-def recordings(units: Units) -> list[str]:
-    """Paths of recordings from the root; of single images, those of their folders."""
-    parts = [unit[:-1] if units.each == "touch" else unit for unit in units.files]
+def recordings(units: Units, family: Family | None = None) -> list[str]:
+    """Paths of recordings from the root; of single images, those of their folders.
+
+    Args:
+        units: The recordings.
+        family: Tables; of several, those that share the first one are meant.
+    """
+    own: Iterable[Parts] = units.files
+    if family is not None and family.is_own:
+        table = table_of(family, family.unit, units)
+        own = (unit for unit in own if table_of(family, unit, units) == table)
+    parts = [unit[:-1] if units.each == "touch" else unit for unit in own]
     return ["/".join(one) for one in dict.fromkeys(parts) if one]
 
 
 def _apart(family: Family, units: Units) -> str | None:
-    """Column of a table for all that names recordings, each in several rows; None without one."""
-    names = recordings(units)
-    if family.is_own or "*" in family.template or len(names) < 2:
+    """Column of the recording of each of several rows of a table; None without one."""
+    names = [] if "*" in family.template else recordings(units, family)
+    if len(names) < 2:
         return None
     for title in family.rows[0]:
         cells = [row[title] for row in family.rows]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
+from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.data.labels.clock import clock_number
 from tactileforge.data.labels.newtons import named_unit
 from tactileforge.errors import ConfigError, TactileForgeError
@@ -110,13 +111,22 @@ def _other_columns(
     """Keys of a table by recording with only unknown columns."""
     for family in found:
         known = {family.key, time_column(family), *force_columns(family)}
-        columns = [name for name in family.rows[0] if name not in known]
+        columns = [
+            name
+            for name in family.rows[0]
+            if name not in known and not _names_pictures(family, name)
+        ]
         if family.key and "*" not in family.template and columns:
             doubts.append(f"labels: {', '.join(columns[:5])} by {family.template}")
             if template_columns(family.key):
                 doubt_key(family, family.key, doubts)
             return {"labels": {"file": family.template, "key": family.key}}, [family]
     return {}, []
+
+
+def _names_pictures(family: Family, column: str) -> bool:
+    """Whether a column has the names of pictures, such as those of another side."""
+    return all(PurePath(row[column]).suffix.lower() in IMAGE_SUFFIXES for row in family.rows)
 
 
 def guess_shared(
@@ -208,6 +218,7 @@ def unread_words(family: Family, layout: Mapping[str, Any], doubts: list[str]) -
         title
         for title in titles
         if repr(title) not in read and f"{{{title}}}" not in read and "frame_id" not in title
+        if not _names_pictures(family, title)
     ]
     if titles:
         doubts.append(

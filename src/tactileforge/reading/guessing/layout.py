@@ -18,9 +18,10 @@ from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.guessing.view_words import scenes, words_of
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, sheets
-from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.sides import SIDE_NAMES, SIDES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 
+_NUMBER = re.compile(r"\d+")
 #: Largest number of files that are listed; the rest of a large set looks like its start.
 _MOST_FILES = 50_000
 #: Names of texts about a data set.
@@ -28,6 +29,8 @@ _ABOUT = re.compile(
     "readme|licen[cs]e|copying|copyright|requirements|changelog|citation|authors|notes?$|todo|"
     "cmakelists|version"
 )
+#: Endings of archives, of which folders of their names may be beside them.
+_ARCHIVES = frozenset({".zip", ".7z", ".rar", ".tar", ".gz", ".tgz"})
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
 
@@ -41,7 +44,8 @@ def guess_layout(root: Path) -> Guess | None:
     Returns:
         Options of the data set ``recordings``; None for a folder without videos and images.
     """
-    found = (path for path in sorted(matches(root, "**/*")) if path.is_file())
+    paths = sorted(matches(root, "**/*"))
+    found = (path for path in paths if path.is_file())
     files = list(islice((x for x in found if not is_companion(x.relative_to(root))), _MOST_FILES))
     # videos first: stills beside them are usually backgrounds
     kinds = [of_endings(files, VIDEOS), stacks(files), of_endings(files, IMAGE_SUFFIXES)]
@@ -64,6 +68,8 @@ def guess_layout(root: Path) -> Guess | None:
     ]
     seen = {*media}.union(*(part.read for part in parts))
     doubts += left_out(_unread(files, seen, doubts), root)
+    if len(files) < _MOST_FILES:
+        doubts += _without_media(paths, media, root)
     layout = parts[0].layout
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": layouts}
@@ -79,7 +85,34 @@ def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> li
         if path not in seen and (path.suffix.lower() in endings or conversion(path))
         if not (path.suffix.lower() in NOTES and _ABOUT.match(path.stem.lower()))
         if not any(path.name in line for line in doubts)
+        if not (path.suffix.lower() in _ARCHIVES and _unpacked(path).is_dir())
     ]
+
+
+def _unpacked(path: Path) -> Path:
+    return path.with_name(path.name.partition(".")[0])
+
+
+def _without_media(paths: Sequence[Path], media: Sequence[Path], root: Path) -> list[str]:
+    """Line about folders named as those of recordings, but for a number, without pictures."""
+
+    def name(path: Path) -> str:
+        return path.relative_to(root).as_posix()
+
+    folders = {folder for path in {path.parent for path in media} for folder in path.parents}
+    folders |= {path.parent for path in media}
+    alike = {_NUMBER.sub("0", name(path)) for path in folders if path.is_relative_to(root)}
+    empty = [
+        path
+        for path in paths
+        if path not in folders
+        if path.parent in folders and _NUMBER.search(path.name)
+        if _NUMBER.sub("0", name(path)) in alike and path.is_dir()
+    ]
+    if not empty:
+        return []
+    more = f" and {len(empty) - 1} more have" if len(empty) > 1 else " has"
+    return [f"touch: {name(empty[0])}{more} no picture or film of touch, and no recording is there"]
 
 
 def _parts(
@@ -127,14 +160,17 @@ def _by_splits(media: Sequence[Path]) -> dict[str, list[Path]]:
 def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[str, list[Path]]:
     """Files of each side of a gripper, if tables have the forces of each; {} otherwise."""
     are_files = all(path.stem.lower() in SIDE_NAMES for path in media)
+    words = [[word for word in words_of(path.stem) if word in SIDES] for path in media]
+    are_named = not are_files and all(len(own) == 1 for own in words)
     sides: dict[str, list[Path]] = {}
-    for path in media:
-        sides.setdefault(path.stem if are_files else path.parent.name, []).append(path)
+    for path, own in zip(media, words, strict=True):
+        side = path.stem if are_files else own[0] if are_named else path.parent.name
+        sides.setdefault(side, []).append(path)
     if len(sides) < 2 or not {name.lower() for name in sides} <= SIDE_NAMES:
         return {}
     forces = set()
-    for side, own in sides.items():
-        part = Part(root, side, own, files)
+    for side, paths in sides.items():
+        part = Part(root, side, paths, files)
         guess_part(part)
         forces |= {str(part.layout["force"])} if "force" in part.layout else set()
     return sides if len(forces) == len(sides) else {}

@@ -35,6 +35,8 @@ _STILL = re.compile(
     r"(?:base|baseline|empty|flat|init|initial|rest|undisturbed|zero)"
     r"(?:[-_ ]?(?:frame|image|img|picture))?[-_ ]?\d*"
 )
+#: Word of a picture before contact, where one of the same name has ``after`` for it.
+_BEFORE = re.compile(r"(?<![a-z])before(?![a-z])")
 #: White of 16 bits.
 DEEPEST = 65535
 #: Largest number of arrays whose headers are read.
@@ -157,13 +159,14 @@ def stills_among(files: Sequence[Path], root: Path) -> set[Path]:
 
     A name that may be an object's too, such as ``flat``, is one of these only where the other
     pictures of its folder differ by numbers, or where it has pictures of no other name beside it.
+    Those called ``before`` are, where each has one called ``after`` beside it.
 
     Args:
         files: Files below ``root``.
         root: Folder of them.
     """
     media = [path for path in files if path.suffix.lower() in VIDEOS | IMAGE_SUFFIXES]
-    found, beside = set(), dict[Path, set[str]]()
+    found, beside = _before(media), dict[Path, set[str]]()
     for path in media:
         folders = path.relative_to(root).parts[:-1]
         if BACKGROUND.search(path.stem.lower()) or any(map(_is_still_folder, folders)):
@@ -177,6 +180,14 @@ def stills_among(files: Sequence[Path], root: Path) -> set[Path]:
         if _STILL.fullmatch(path.stem.lower()) and (len(names) == 1 or alone):
             found.add(path)
     return found if len(found) < len(media) else set()
+
+
+def _before(media: Sequence[Path]) -> set[Path]:
+    """Pictures before contact; none if one of them has no picture after it."""
+    befores = [path for path in media if _BEFORE.search(path.stem.lower())]
+    names = {(path.parent, path.name.lower()) for path in media if befores}
+    has_after = ((x.parent, _BEFORE.sub("after", x.name.lower())) in names for x in befores)
+    return {*befores} if all(has_after) else set()
 
 
 def _is_still_folder(name: str) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessing.columns import moments
-from tactileforge.reading.guessing.families import Cells, Family, Units, recordings, table_of
+from tactileforge.reading.guessing.families import Cells, Family, Units, table_of
 from tactileforge.reading.guessing.media import ASSUMED_FPS, Part, open_media
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.trial_rows import recordings_of
@@ -83,21 +83,26 @@ def _rates(family: Family, clock: str | Mapping[str, str], units: Units) -> Iter
 
 def _tables(family: Family, units: Units) -> Iterator[tuple[int, Cells]]:
     """Number of frames and rows of forces of each recording."""
-    told: Mapping[str, Sequence[str]] = {}
-    if family.apart:
-        cells = [row[family.apart] for row in family.rows]
-        told = recordings_of(cells, recordings(units))
+    sharing: dict[str, list[str]] = {}
+    for unit in units.files:
+        sharing.setdefault(table_of(family, unit, units), []).append("/".join(unit))
+    read: dict[str, tuple[Cells, Mapping[str, Sequence[str]]]] = {}
+    rows: Cells
     for unit, files in units.files.items():
         count = len(files)
         if units.each == "video":
             frames = open_media(files[0])
             count = 0 if frames is None else len(frames)
-        if family.apart:
-            key, name = family.apart, "/".join(unit)
-            yield count, [row for row in family.rows if name in told.get(row[key], ())]
-            continue
-        path = units.root / table_of(family, unit, units)
-        try:
-            yield count, [cells for _, cells in read_cells(path, [])]
-        except TactileForgeError:  # the reader names it
-            continue
+        path = table_of(family, unit, units)
+        if path not in read:
+            try:
+                rows = [cells for _, cells in read_cells(units.root / path, [])]
+            except TactileForgeError:  # the reader names it
+                continue
+            rows = family.rows if family.apart and not family.is_own else rows
+            cells = [row.get(family.apart, "") for row in rows] if family.apart else []
+            read = {path: (rows, recordings_of(cells, sharing[path]))}
+        rows, told = read[path]
+        if key := family.apart:
+            rows = [row for row in rows if "/".join(unit) in told.get(row.get(key, ""), ())]
+        yield count, rows

@@ -24,6 +24,7 @@ from tactileforge.reading.guessing.columns import (
     force_columns,
     frame_column,
     leading_column,
+    looks_of,
     moments,
     numbered_forces,
     numbers,
@@ -51,6 +52,7 @@ from tactileforge.reading.guessing.numbers import (
 )
 from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.series import series_of
+from tactileforge.reading.split_times import nanoseconds_beside
 from tactileforge.reading.tables import read_cells, whole
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
@@ -259,6 +261,19 @@ def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
             )
             break
     for family in found:
+        rest = [name for name in numeric(family) if name not in ("0", "1")]
+        if not nanoseconds_beside("0", family.rows) or not is_for_all(family, units) or not rest:
+            continue
+        columns = [*rest[:3]] if len(rest) >= 3 else [None, None, rest[0]]
+        force = {"file": family.template, "columns": columns, "times": "0"}
+        force |= {} if units.is_dated else {"start": "contact"}
+        named = ", ".join(filter(None, columns))
+        doubts.append(
+            f"force: {family.template} has no names of columns and is not read: 0 and 1 look like "
+            f"seconds and nanoseconds ({looks_of(family)}); if {named} are forces: {pasted(force)}"
+        )
+        break
+    for family in found:
         lead = leading_column(family)
         columns = numbered_forces(family) if lead else []
         if lead and columns[2] and is_for_all(family, units) and not family.key:
@@ -406,8 +421,8 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
 
 
 def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
-    """Keys of a table for all whose rows name recordings; None if they tell no frame or time."""
-    key, names = str(family.apart), recordings(units)
+    """Keys of a table whose rows name recordings; None if they tell no frame or time."""
+    key, names = str(family.apart), recordings(units, family)
     told = recordings_of([row[key] for row in family.rows], names)
     own = [row for row in family.rows if names[0] in told.get(row[key], ())]
     if units.each == "touch":

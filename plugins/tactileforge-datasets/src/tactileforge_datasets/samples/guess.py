@@ -100,10 +100,12 @@ def _layout(
     if times := layout.pop("times", ""):
         layout |= _times(samples, layout, times, doubts)
     tables = [f"{key}.{part}" for key, of in samples.items() for part in of if part in _TABLES]
+    if tables and (root / tables[0]).is_file():
+        return {}  # unpacked beside the tars: the files are read
     if tables:
         doubts.append(
-            f"force: a table of a tar ({tables[0]}) is not read; unpack the tars, "
-            "tar -xf NAME.tar, and read their folder"
+            f"force: a table of a tar ({tables[0]}) is not read; unpack the tars in their folder, "
+            """for f in *.tar; do tar -xf "$f"; done, and read it again"""
         )
     doubts.append("licence: write it into layout.licence")
     return layout
