@@ -96,7 +96,7 @@ def test_photographs_beside_a_run_leave_what_its_heads_read(
     config = compose("touch", [*words, "optim.lr=0", "init=touch.tiny+imagenet"])
     train(config, tmp_path)
     both, alone = tactileforge.load(pack.pack_run(tmp_path)), tactileforge.load("touch.tiny")
-    frames = np.random.default_rng(0).integers(0, 256, (2, 64, 64, 3), np.uint8)
+    frames = np.random.default_rng(0).integers(0, 256, (2, 128, 128, 3), np.uint8)
     given = {"background": frames[0], "sensor": "digit"}
     tokens, own = (model.features(frames, **given, tap="patches") for model in (both, alone))
     np.testing.assert_allclose(tokens[..., : own.shape[-1]], own, atol=1e-4)

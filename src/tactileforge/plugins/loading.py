@@ -27,6 +27,7 @@ def register(kind: str, name: str, plugin: Any) -> None:
 
     Example:
         >>> from tactileforge.objectives import Pixel
+        >>> from tactileforge.plugins import build
         >>> register("objectives", "my_pixel", Pixel)
         >>> build("objectives", {"name": "my_pixel"}).head
         'pixel'

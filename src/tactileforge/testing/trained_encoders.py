@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from copy import deepcopy
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -187,7 +187,8 @@ def exported_it_is_the_same(subject: CheckSubject) -> None:
             "out": str(Path(folder) / "exported"),
             "size": list(encoder.image_size),
         }
-        with redirect_stdout(StringIO()):  # what the command says of its file
+        # what the command says of its file, and its bar
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             command.start({}, keys)
 
 

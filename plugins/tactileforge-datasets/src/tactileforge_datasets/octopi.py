@@ -62,8 +62,13 @@ class Octopi(PublishedDataset):
 
     @classmethod
     def recognise(cls, root: Path) -> Guess | None:
-        """See `PublishedDataset.recognise`; films are of objects, and of a GelSight Mini's size."""
+        """See `PublishedDataset.recognise`; films are of objects, and of a GelSight Mini's size.
+
+        The constants of Octopi beside them are enough.
+        """
         guess = super().recognise(root)
+        if guess and any(is_there(path) for path in _constants_of(root)):
+            return guess
         films = [path for mark in cls.marks for path in root.glob(mark)] if guess else []
         own = {path.stem for path in films}
         beside = {
@@ -123,10 +128,15 @@ def _place(path: Path) -> tuple[str, int]:
     return (name, int(number)) if name and number.isdigit() else (path.stem, 0)
 
 
+def _constants_of(root: Path) -> list[Path]:
+    """Possible places of Octopi's constants."""
+    folders = (root / "utils", root / "src" / "utils", root.parent / "utils", root)
+    return [folder / "constants.py" for folder in folders]
+
+
 def _constants(root: Path) -> dict[str, Any]:
     """The literals of Octopi's constants, by name; {} without the file."""
-    places = (root / "utils", root / "src" / "utils", root.parent / "utils", root)
-    path = next((p / "constants.py" for p in places if is_there(p / "constants.py")), None)
+    path = next(filter(is_there, _constants_of(root)), None)
     if path is None:
         return {}
     # Parsed, not imported: nothing of the checkout is executed.
