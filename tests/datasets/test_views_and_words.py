@@ -411,3 +411,31 @@ def test_both_sides_in_one_table_beside_a_film_of_each(tmp_path: Path) -> None:
         "left: force: fz_l and no other column of {folder}/ft.csv is taken for that on the gel: "
         "fz_cmd, fz_r are left out"
     ) in doubts
+
+
+@pytest.mark.parametrize("film", ["demo.avi", "shown/clip_0.avi"])
+def test_images_with_tables_are_read_beside_a_film_without(film: str, tmp_path: Path) -> None:
+    for k in range(3):
+        images(tmp_path / f"trials/trial_{k}")
+        forces(tmp_path / f"trials/trial_{k}/ft.csv", "frame,fx,fy,fz", [*map(str, range(COUNT))])
+    video(tmp_path / film, 200)
+    found, doubts = read(tmp_path)
+    assert sorted(found) == [f"trials/trial_{k}" for k in range(3)]
+    for one in found.values():
+        check(one)
+    (line,) = (line for line in doubts if film in line)
+    pasted = yaml.safe_load(line.partition("data.layouts=")[2])
+    data = Recordings(root=str(tmp_path), layouts=pasted)
+    assert [one.key for one in data.recordings("train")] == [f"films/{film}"]
+
+
+def test_films_with_tables_are_read_beside_images_without(tmp_path: Path) -> None:
+    (tmp_path / "ft").mkdir()
+    for k in range(3):
+        video(tmp_path / f"films/trial_{k}.avi")
+        images(tmp_path / f"frames/trial_{k}")
+        forces(tmp_path / f"ft/trial_{k}.csv", "t,fx,fy,fz", [f"{n / 20}" for n in range(COUNT)])
+    images(tmp_path / "chessboard")
+    (tmp_path / "chessboard/points.csv").write_text("a,b\n1,2\n")
+    found, _ = read(tmp_path)
+    assert sorted(found) == [f"films/trial_{k}.avi" for k in range(3)]

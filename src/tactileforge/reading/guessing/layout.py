@@ -14,6 +14,7 @@ from tactileforge.reading.guessing.frames import guess_frames
 from tactileforge.reading.guessing.labels import left_out
 from tactileforge.reading.guessing.media import VIDEOS, Part, of_endings, stacks, stills_among
 from tactileforge.reading.guessing.part import NOTES, TABLES, add_camera, guess_part
+from tactileforge.reading.guessing.patterns import pattern_of
 from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.guessing.view_words import scenes, words_of
 from tactileforge.reading.linked import matches
@@ -50,6 +51,9 @@ def guess_layout(root: Path) -> Guess | None:
     views = scenes(list(dict.fromkeys(shown)), root)
     hidden = {*views}
     owns = [[one for one in kind if one not in hidden] for kind in kinds]
+    films, pictures = [*owns[0], *owns[1]], [path for path in owns[2] if path not in stills]
+    if _are_data(pictures, films, files):
+        owns = [owns[2], *owns[:2]]
     media = next((own for own in owns if not stills.issuperset(own)), [])
     if not media:
         return None
@@ -63,11 +67,39 @@ def guess_layout(root: Path) -> Guess | None:
         f"{part.folder}: {line}" if part.folder else line for part in parts for line in part.doubts
     ]
     seen = {*media}.union(*(part.read for part in parts))
+    if media[0] in pictures:
+        films = [path for path in films if path not in stills]
+        doubts += _films_left_out(root, films, files, parts[0].layout["sensor"])
     doubts += left_out(_unread(files, seen, doubts), root)
     layout = parts[0].layout
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": layouts}
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
+
+
+def _are_data(pictures: Sequence[Path], films: Sequence[Path], files: Sequence[Path]) -> bool:
+    """Whether pictures are the data and films only show it: tables are beside the pictures."""
+    folders, shown = {path.parent for path in pictures}, {path.parent for path in films}
+    named = {path.stem for path in films}
+    tables = [path for path in files if path.suffix.lower() in (TABLES - NOTES) | sheets()]
+    beside = any(path.parent in folders for path in tables)
+    of_films = any(path.parent in shown or path.stem in named for path in tables)
+    return beside and not of_films
+
+
+def _films_left_out(
+    root: Path, films: Sequence[Path], files: Sequence[Path], sensor: str
+) -> list[str]:
+    """Line about films that are not read, with the key for these in place of images."""
+    if not films:
+        return []
+    first, more = films[0].relative_to(root).as_posix(), len(films) - 1
+    pattern = pattern_of(Part(root, "", films, files))
+    return [
+        f"touch: {first}{f' and {more} more are' if more else ' is'} left out, since tables are "
+        f"beside the images; if touch is in films: data.layouts={{films: {{videos: {pattern!r}, "
+        f"sensor: {sensor}, background: {{first: 1}}}}}}"
+    ]
 
 
 def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> list[Path]:
