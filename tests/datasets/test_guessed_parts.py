@@ -276,3 +276,32 @@ def test_the_view_of_a_scene_may_be_an_array(tmp_path: Path) -> None:
     for key, one in found.items():
         assert one.image is not None
         assert one.image.read([3]).max() == 90 + int(key.split("/")[1][-1])
+
+
+def test_sides_within_names_of_folders_have_each_its_forces(tmp_path: Path) -> None:
+    for k in range(2):
+        for side, factor in (("left", 1), ("right", 2)):
+            for n in range(6):
+                image(tmp_path / f"trial_{k}/{side}_tactile/{n}.png", 60 + n)
+            rows = [f"{n},0,0,{factor * n}" for n in range(6)]
+            text = "frame,fx,fy,fz\n" + "\n".join(rows)
+            (tmp_path / f"trial_{k}/{side}_ft.csv").write_text(text)
+    found, _ = read(tmp_path)
+    assert len(found) == 4
+    for key, one in found.items():
+        assert one.force is not None
+        factor = 2 if "right" in key else 1
+        np.testing.assert_array_equal(one.force[:, 2], factor * np.arange(6, dtype=np.float32))
+
+
+def test_objects_with_words_of_sides_are_no_sides(tmp_path: Path) -> None:
+    for name in ("top_cap", "bottom_cap"):
+        for k in range(2):
+            film(tmp_path / f"{name}/{k}.avi")
+            (tmp_path / f"{name}/{k}.csv").write_text(
+                "frame,fx,fy,fz\n" + "\n".join(f"{n},0,0,{n}" for n in range(24))
+            )
+    found, _ = read(tmp_path)
+    assert {key: one.object for key, one in found.items()} == {
+        f"guessed/{name}/{k}.avi": name for name in ("top_cap", "bottom_cap") for k in range(2)
+    }

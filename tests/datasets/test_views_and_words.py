@@ -439,3 +439,34 @@ def test_films_with_tables_are_read_beside_images_without(tmp_path: Path) -> Non
     (tmp_path / "chessboard/points.csv").write_text("a,b\n1,2\n")
     found, _ = read(tmp_path)
     assert sorted(found) == [f"films/trial_{k}.avi" for k in range(3)]
+
+
+@pytest.mark.parametrize("film", ["phone/IMG_4321.avi", "GX010123.avi", "VID_20240513_101500.avi"])
+def test_a_film_with_the_name_of_a_phone_is_not_touch(film: str, tmp_path: Path) -> None:
+    times = [f"{n / 20}" for n in range(COUNT)]
+    for k in range(2):
+        video(tmp_path / f"trial_{k}.avi")
+        forces(tmp_path / f"trial_{k}.csv", "t,fx,fy,fz", times)
+    video(tmp_path / film, 200)
+    found, doubts = read(tmp_path)
+    assert sorted(found) == ["trial_0.avi", "trial_1.avi"]
+    for one in found.values():
+        check(one)
+    assert any(film in line and "left out" in line for line in doubts)
+
+
+def test_a_film_with_the_name_of_a_phone_and_forces_is_touch(tmp_path: Path) -> None:
+    times = [f"{n / 20}" for n in range(COUNT)]
+    for name in ("trial_0", "IMG_4321"):
+        video(tmp_path / f"{name}.avi")
+        forces(tmp_path / f"{name}.csv", "t,fx,fy,fz", times)
+    found, _ = read(tmp_path)
+    assert sorted(found) == ["IMG_4321.avi", "trial_0.avi"]
+
+
+def test_films_that_all_have_the_names_of_a_phone_are_touch(tmp_path: Path) -> None:
+    for name in ("IMG_4321", "IMG_4322"):
+        video(tmp_path / f"{name}.avi")
+    cv2.imwrite(str(tmp_path / "setup.png"), np.full((48, 64, 3), 90, np.uint8))
+    found, _ = read(tmp_path)
+    assert sorted(found) == ["IMG_4321.avi", "IMG_4322.avi"]

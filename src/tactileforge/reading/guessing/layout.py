@@ -19,7 +19,7 @@ from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.guessing.view_words import scenes, words_of
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, sheets
-from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.sides import side_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 
 #: Largest number of files that are listed; the rest of a large set looks like its start.
@@ -29,6 +29,8 @@ _ABOUT = re.compile(
     "readme|licen[cs]e|copying|copyright|requirements|changelog|citation|authors|notes?$|todo|"
     "cmakelists|version"
 )
+#: Names that phones and cameras give to films.
+_OF_CAMERA = re.compile(r"(?:IMG|MVI|VID|PXL|DJI|MOV)_\d{4,}.*|DSCN?_?\d{4,}|G[HPX]\d{6}|GOPR\d{4}")
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
 
@@ -49,6 +51,7 @@ def guess_layout(root: Path) -> Guess | None:
     stills = stills_among(files, root)
     shown = [path for kind in kinds for path in kind if path not in stills]
     views = scenes(list(dict.fromkeys(shown)), root)
+    views += _of_cameras([path for path in shown if path not in views], files)
     hidden = {*views}
     owns = [[one for one in kind if one not in hidden] for kind in kinds]
     films, pictures = [*owns[0], *owns[1]], [path for path in owns[2] if path not in stills]
@@ -75,6 +78,18 @@ def guess_layout(root: Path) -> Guess | None:
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": layouts}
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
+
+
+def _of_cameras(shown: Sequence[Path], files: Sequence[Path]) -> list[Path]:
+    """Films with a phone's or camera's own name and no table, beside others; [] for all films."""
+    tables = {path.with_suffix("") for path in of_endings(files, TABLES | sheets())}
+    films = of_endings(shown, VIDEOS)
+    found = [
+        path
+        for path in films
+        if _OF_CAMERA.fullmatch(path.stem) and path.with_suffix("") not in tables
+    ]
+    return found if len(found) < len(films) else []
 
 
 def _are_data(pictures: Sequence[Path], films: Sequence[Path], files: Sequence[Path]) -> bool:
@@ -158,11 +173,12 @@ def _by_splits(media: Sequence[Path]) -> dict[str, list[Path]]:
 
 def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[str, list[Path]]:
     """Files of each side of a gripper, if tables have the forces of each; {} otherwise."""
-    are_files = all(path.stem.lower() in SIDE_NAMES for path in media)
+    are_files = all(side_of(path.stem) for path in media)
     sides: dict[str, list[Path]] = {}
     for path in media:
         sides.setdefault(path.stem if are_files else path.parent.name, []).append(path)
-    if len(sides) < 2 or not {name.lower() for name in sides} <= SIDE_NAMES:
+    named = {side_of(name) for name in sides} - {""}
+    if not len(named) == len(sides) > 1:
         return {}
     forces = set()
     for side, own in sides.items():
