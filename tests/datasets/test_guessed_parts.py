@@ -305,3 +305,34 @@ def test_objects_with_words_of_sides_are_no_sides(tmp_path: Path) -> None:
     assert {key: one.object for key, one in found.items()} == {
         f"guessed/{name}/{k}.avi": name for name in ("top_cap", "bottom_cap") for k in range(2)
     }
+
+
+@pytest.mark.parametrize("below", ["run1/frames", "press_01/frames", "2024-05-13/run1", "test 3/x"])
+def test_the_object_is_above_a_trial_or_a_date(below: str, tmp_path: Path) -> None:
+    for name in ("mug", "can"):
+        for n in range(6):
+            image(tmp_path / name / below / f"{n}.png", 60 + n)
+    found, doubts = read(tmp_path)
+    wanted = {f"guessed/{name}/{below}": name for name in ("mug", "can")}
+    assert {key: one.object for key, one in found.items()} == wanted
+    assert any(line.startswith("object: named by the folder above") for line in doubts)
+
+
+@pytest.mark.parametrize("names", [("slip", "stable"), ("success", "failure"), ("good", "bad")])
+def test_outcomes_are_no_objects(names: tuple[str, str], tmp_path: Path) -> None:
+    for name in names:
+        for k in range(2):
+            film(tmp_path / f"{name}/{k}.avi")
+    found, doubts = read(tmp_path)
+    assert {one.object for one in found.values()} == {None}
+    assert [line.partition(",")[0] for line in doubts if line.startswith("object:")] == [
+        f"object: folders are named by what came of it ({min(names)}"
+    ]
+
+
+def test_an_object_with_the_word_of_an_outcome_is_one(tmp_path: Path) -> None:
+    for name in ("drop", "mug"):
+        for k in range(2):
+            film(tmp_path / f"{name}/{k}.avi")
+    found, _ = read(tmp_path)
+    assert {one.object for one in found.values()} == {"drop", "mug"}
