@@ -470,3 +470,30 @@ def test_films_that_all_have_the_names_of_a_phone_are_touch(tmp_path: Path) -> N
     cv2.imwrite(str(tmp_path / "setup.png"), np.full((48, 64, 3), 90, np.uint8))
     found, _ = read(tmp_path)
     assert sorted(found) == ["IMG_4321.avi", "IMG_4322.avi"]
+
+
+def test_names_behind_a_per_cent_sign_are_those_of_columns(tmp_path: Path) -> None:
+    for k in range(2):
+        video(tmp_path / f"trial_{k}.avi")
+        rows = [f"{n / 20} 5.1 0 0 {z:.4f}" for n, z in enumerate(FORCE)]
+        text = "\n".join(["% ATI Nano17", "% t G0 Fx Fy Fz", *rows])
+        (tmp_path / f"trial_{k}.dat").write_text(text)
+    found, _ = read(tmp_path)
+    for one in found.values():
+        check(one)
+
+
+def test_a_table_of_the_normal_axis_has_its_force(tmp_path: Path) -> None:
+    for k in range(2):
+        video(tmp_path / f"trial_{k}/gel.avi")
+        for axis in "xyz":
+            rows = [f"{n / 20},{z if axis == 'z' else 9}" for n, z in enumerate(FORCE)]
+            text = "time,value\n" + "\n".join(rows)
+            (tmp_path / f"trial_{k}/F{axis}.csv").write_text(text)
+        (tmp_path / f"trial_{k}/pos_z.csv").write_text("time,value\n0,7\n1,8\n")
+    found, doubts = read(tmp_path)
+    for one in found.values():
+        check(one)
+        assert one.force is not None
+        assert np.isnan(one.force[:, :2]).all()
+    assert any("Fx.csv" in line for line in doubts), doubts
