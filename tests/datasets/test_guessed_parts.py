@@ -336,3 +336,19 @@ def test_an_object_with_the_word_of_an_outcome_is_one(tmp_path: Path) -> None:
             film(tmp_path / f"{name}/{k}.avi")
     found, _ = read(tmp_path)
     assert {one.object for one in found.values()} == {"drop", "mug"}
+
+
+@pytest.mark.parametrize("of_all", [False, True])
+def test_fingers_have_each_its_sensor_by_a_file_of_values(of_all: bool, tmp_path: Path) -> None:
+    text = '{"sensors": {"thumb": "DIGIT", "index": "GelSight Mini"}, "object": "mug"}'
+    for k in range(2):
+        film(tmp_path / f"ep_{k}/thumb.avi")
+        film(tmp_path / f"ep_{k}/index.avi")
+        (tmp_path / ("" if of_all else f"ep_{k}") / "meta.json").write_text(text)
+    found, _ = read(tmp_path)
+    wanted = {"thumb": "digit", "index": "gelsight_mini"}
+    assert {key: (one.sensor, one.object) for key, one in found.items()} == {
+        f"{side}/ep_{k}/{side}.avi": (sensor, "mug")
+        for side, sensor in wanted.items()
+        for k in (0, 1)
+    }

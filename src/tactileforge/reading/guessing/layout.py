@@ -172,7 +172,7 @@ def _by_splits(media: Sequence[Path]) -> dict[str, list[Path]]:
 
 
 def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[str, list[Path]]:
-    """Files of each side of a gripper, if tables have the forces of each; {} otherwise."""
+    """Files of each side of a gripper, if tables have the forces or sensor of each; or {}."""
     are_files = all(side_of(path.stem) for path in media)
     sides: dict[str, list[Path]] = {}
     for path in media:
@@ -180,12 +180,15 @@ def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[
     named = {side_of(name) for name in sides} - {""}
     if not len(named) == len(sides) > 1:
         return {}
-    forces = set()
+    forces, sensors = set(), set()
     for side, own in sides.items():
         part = Part(root, side, own, files)
         guess_part(part)
         forces |= {str(part.layout["force"])} if "force" in part.layout else set()
-    return sides if len(forces) == len(sides) else {}
+        # a type by the shape of the pictures is in no table
+        if not any(line.startswith("sensor: no name") for line in part.doubts):
+            sensors.add(str(part.layout["sensor"]))
+    return sides if len(sides) in (len(forces), len(sensors)) else {}
 
 
 def _by_backgrounds(
