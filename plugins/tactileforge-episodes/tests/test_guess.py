@@ -835,5 +835,5 @@ def test_forces_of_several_bodies_are_a_track(tmp_path):
 
 
 def test_a_missing_module_is_installed_by_the_name_of_its_package():
-    with pytest.raises(ConfigError, match="is read by nowhere.io: pip install nowhere "):
+    with pytest.raises(ConfigError, match=r"is read by nowhere\.io: pip install nowhere "):
         need("nowhere.io", "a.mat")
