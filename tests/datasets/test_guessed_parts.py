@@ -276,3 +276,79 @@ def test_the_view_of_a_scene_may_be_an_array(tmp_path: Path) -> None:
     for key, one in found.items():
         assert one.image is not None
         assert one.image.read([3]).max() == 90 + int(key.split("/")[1][-1])
+
+
+def test_sides_within_names_of_folders_have_each_its_forces(tmp_path: Path) -> None:
+    for k in range(2):
+        for side, factor in (("left", 1), ("right", 2)):
+            for n in range(6):
+                image(tmp_path / f"trial_{k}/{side}_tactile/{n}.png", 60 + n)
+            rows = [f"{n},0,0,{factor * n}" for n in range(6)]
+            text = "frame,fx,fy,fz\n" + "\n".join(rows)
+            (tmp_path / f"trial_{k}/{side}_ft.csv").write_text(text)
+    found, _ = read(tmp_path)
+    assert len(found) == 4
+    for key, one in found.items():
+        assert one.force is not None
+        factor = 2 if "right" in key else 1
+        np.testing.assert_array_equal(one.force[:, 2], factor * np.arange(6, dtype=np.float32))
+
+
+def test_objects_with_words_of_sides_are_no_sides(tmp_path: Path) -> None:
+    for name in ("top_cap", "bottom_cap"):
+        for k in range(2):
+            film(tmp_path / f"{name}/{k}.avi")
+            (tmp_path / f"{name}/{k}.csv").write_text(
+                "frame,fx,fy,fz\n" + "\n".join(f"{n},0,0,{n}" for n in range(24))
+            )
+    found, _ = read(tmp_path)
+    assert {key: one.object for key, one in found.items()} == {
+        f"guessed/{name}/{k}.avi": name for name in ("top_cap", "bottom_cap") for k in range(2)
+    }
+
+
+@pytest.mark.parametrize("below", ["run1/frames", "press_01/frames", "2024-05-13/run1", "test 3/x"])
+def test_the_object_is_above_a_trial_or_a_date(below: str, tmp_path: Path) -> None:
+    for name in ("mug", "can"):
+        for n in range(6):
+            image(tmp_path / name / below / f"{n}.png", 60 + n)
+    found, doubts = read(tmp_path)
+    wanted = {f"guessed/{name}/{below}": name for name in ("mug", "can")}
+    assert {key: one.object for key, one in found.items()} == wanted
+    assert any(line.startswith("object: named by the folder above") for line in doubts)
+
+
+@pytest.mark.parametrize("names", [("slip", "stable"), ("success", "failure"), ("good", "bad")])
+def test_outcomes_are_no_objects(names: tuple[str, str], tmp_path: Path) -> None:
+    for name in names:
+        for k in range(2):
+            film(tmp_path / f"{name}/{k}.avi")
+    found, doubts = read(tmp_path)
+    assert {one.object for one in found.values()} == {None}
+    assert [line.partition(",")[0] for line in doubts if line.startswith("object:")] == [
+        f"object: folders are named by what came of it ({min(names)}"
+    ]
+
+
+def test_an_object_with_the_word_of_an_outcome_is_one(tmp_path: Path) -> None:
+    for name in ("drop", "mug"):
+        for k in range(2):
+            film(tmp_path / f"{name}/{k}.avi")
+    found, _ = read(tmp_path)
+    assert {one.object for one in found.values()} == {"drop", "mug"}
+
+
+@pytest.mark.parametrize("of_all", [False, True])
+def test_fingers_have_each_its_sensor_by_a_file_of_values(of_all: bool, tmp_path: Path) -> None:
+    text = '{"sensors": {"thumb": "DIGIT", "index": "GelSight Mini"}, "object": "mug"}'
+    for k in range(2):
+        film(tmp_path / f"ep_{k}/thumb.avi")
+        film(tmp_path / f"ep_{k}/index.avi")
+        (tmp_path / ("" if of_all else f"ep_{k}") / "meta.json").write_text(text)
+    found, _ = read(tmp_path)
+    wanted = {"thumb": "digit", "index": "gelsight_mini"}
+    assert {key: (one.sensor, one.object) for key, one in found.items()} == {
+        f"{side}/ep_{k}/{side}.avi": (sensor, "mug")
+        for side, sensor in wanted.items()
+        for k in (0, 1)
+    }

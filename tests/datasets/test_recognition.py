@@ -248,3 +248,18 @@ def test_arrays_of_one_picture_each_are_named_with_the_fix(tmp_path: Path) -> No
         np.save(tmp_path / f"{number:04d}.npy", np.zeros((40, 60, 3), np.uint8))
     with pytest.raises(DataNotFoundError, match=r"one picture of \(40, 60, 3\).*np\.stack"):
         recognise(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("trial 0.h264", "a film without times: ffmpeg -framerate 30 -i 'trial 0.h264' -c copy "),
+        ("a.wmv", "a film: ffmpeg -i a.wmv -c:v ffv1 a.mkv"),
+    ],
+)
+def test_films_of_other_kinds_are_named_with_their_conversion(
+    name: str, says: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(b"0")
+    with pytest.raises(DataNotFoundError, match=f"is {says}"):
+        recognise(tmp_path)

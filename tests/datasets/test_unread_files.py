@@ -35,6 +35,7 @@ def guessed(root: Path) -> tuple[Guess, Recordings]:
         ("data.h5", "an HDF5: python -c "),
         ("train.pt", "PyTorch's; a dictionary of tensors: python -c "),
         ("run.lvm", "a table of LabVIEW: awk 'n > 1; /End_of_Header/ {n++}' run.lvm > run.tsv"),
+        ("run.tdms", "LabVIEW's: pip install nptdms pandas && python -c "),
         ("x-train.tfrecord-00000-of-00001", "records of TensorFlow"),
         ("train.lmdb/data.mdb", "an LMDB: python -c "),
         ("train.lmdb/lock.mdb", ""),

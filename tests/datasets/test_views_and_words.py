@@ -446,3 +446,89 @@ def test_both_sides_in_one_table_beside_a_film_of_each(tmp_path: Path) -> None:
         "left: force: fz_l and no other column of {folder}/ft.csv is taken for that on the gel: "
         "fz_cmd, fz_r are left out"
     ) in doubts
+
+
+@pytest.mark.parametrize("film", ["demo.avi", "shown/clip_0.avi"])
+def test_images_with_tables_are_read_beside_a_film_without(film: str, tmp_path: Path) -> None:
+    for k in range(3):
+        images(tmp_path / f"trials/trial_{k}")
+        forces(tmp_path / f"trials/trial_{k}/ft.csv", "frame,fx,fy,fz", [*map(str, range(COUNT))])
+    video(tmp_path / film, 200)
+    found, doubts = read(tmp_path)
+    assert sorted(found) == [f"trials/trial_{k}" for k in range(3)]
+    for one in found.values():
+        check(one)
+    (line,) = (line for line in doubts if film in line)
+    pasted = yaml.safe_load(line.partition("data.layouts=")[2])
+    data = Recordings(root=str(tmp_path), layouts=pasted)
+    assert [one.key for one in data.recordings("train")] == [f"films/{film}"]
+
+
+def test_films_with_tables_are_read_beside_images_without(tmp_path: Path) -> None:
+    (tmp_path / "ft").mkdir()
+    for k in range(3):
+        video(tmp_path / f"films/trial_{k}.avi")
+        images(tmp_path / f"frames/trial_{k}")
+        forces(tmp_path / f"ft/trial_{k}.csv", "t,fx,fy,fz", [f"{n / 20}" for n in range(COUNT)])
+    images(tmp_path / "chessboard")
+    (tmp_path / "chessboard/points.csv").write_text("a,b\n1,2\n")
+    found, _ = read(tmp_path)
+    assert sorted(found) == [f"films/trial_{k}.avi" for k in range(3)]
+
+
+@pytest.mark.parametrize("film", ["phone/IMG_4321.avi", "GX010123.avi", "VID_20240513_101500.avi"])
+def test_a_film_with_the_name_of_a_phone_is_not_touch(film: str, tmp_path: Path) -> None:
+    times = [f"{n / 20}" for n in range(COUNT)]
+    for k in range(2):
+        video(tmp_path / f"trial_{k}.avi")
+        forces(tmp_path / f"trial_{k}.csv", "t,fx,fy,fz", times)
+    video(tmp_path / film, 200)
+    found, doubts = read(tmp_path)
+    assert sorted(found) == ["trial_0.avi", "trial_1.avi"]
+    for one in found.values():
+        check(one)
+    assert any(film in line and "left out" in line for line in doubts)
+
+
+def test_a_film_with_the_name_of_a_phone_and_forces_is_touch(tmp_path: Path) -> None:
+    times = [f"{n / 20}" for n in range(COUNT)]
+    for name in ("trial_0", "IMG_4321"):
+        video(tmp_path / f"{name}.avi")
+        forces(tmp_path / f"{name}.csv", "t,fx,fy,fz", times)
+    found, _ = read(tmp_path)
+    assert sorted(found) == ["IMG_4321.avi", "trial_0.avi"]
+
+
+def test_films_that_all_have_the_names_of_a_phone_are_touch(tmp_path: Path) -> None:
+    for name in ("IMG_4321", "IMG_4322"):
+        video(tmp_path / f"{name}.avi")
+    cv2.imwrite(str(tmp_path / "setup.png"), np.full((48, 64, 3), 90, np.uint8))
+    found, _ = read(tmp_path)
+    assert sorted(found) == ["IMG_4321.avi", "IMG_4322.avi"]
+
+
+def test_names_behind_a_per_cent_sign_are_those_of_columns(tmp_path: Path) -> None:
+    for k in range(2):
+        video(tmp_path / f"trial_{k}.avi")
+        rows = [f"{n / 20} 5.1 0 0 {z:.4f}" for n, z in enumerate(FORCE)]
+        text = "\n".join(["% ATI Nano17", "% t G0 Fx Fy Fz", *rows])
+        (tmp_path / f"trial_{k}.dat").write_text(text)
+    found, _ = read(tmp_path)
+    for one in found.values():
+        check(one)
+
+
+def test_a_table_of_the_normal_axis_has_its_force(tmp_path: Path) -> None:
+    for k in range(2):
+        video(tmp_path / f"trial_{k}/gel.avi")
+        for axis in "xyz":
+            rows = [f"{n / 20},{z if axis == 'z' else 9}" for n, z in enumerate(FORCE)]
+            text = "time,value\n" + "\n".join(rows)
+            (tmp_path / f"trial_{k}/F{axis}.csv").write_text(text)
+        (tmp_path / f"trial_{k}/pos_z.csv").write_text("time,value\n0,7\n1,8\n")
+    found, doubts = read(tmp_path)
+    for one in found.values():
+        check(one)
+        assert one.force is not None
+        assert np.isnan(one.force[:, :2]).all()
+    assert any("Fx.csv" in line for line in doubts), doubts

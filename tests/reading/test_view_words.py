@@ -54,6 +54,9 @@ def test_a_fixed_view_comes_before_that_of_the_wrist() -> None:
         (("a/0_rgb", "a/0_depth", "a/0_mask"), ["a/0_depth", "a/0_mask"]),
         (("a/rgb_0", "a/depth_0"), ["a/depth_0"]),
         (("digit0_color/0", "digit0_depth/0"), ["digit0_depth/0"]),
+        (("a/rectify", "a/difference", "a/depth"), ["a/difference", "a/depth"]),
+        (("OG01_rectify", "OG01_depth"), ["OG01_depth"]),
+        (("trial_0_cropped", "trial_0_diff"), ["trial_0_diff"]),
         (("trial_0", "trial_0_overlay"), ["trial_0_overlay"]),
         (("gelsight_frame/0", "video_frame/0"), ["video_frame/0"]),
         (("gelsight/0", "d435i/0"), ["d435i/0"]),
@@ -63,6 +66,7 @@ def test_a_fixed_view_comes_before_that_of_the_wrist() -> None:
         # objects, and the only pictures there are
         (("mug/0", "target/0", "mask/0"), []),
         (("1/0", "mask/0"), []),
+        (("rectify/0", "mug/0"), []),
         (("basement/0", "flat_screw/0", "figure/0"), []),
         (("results/a/0", "results/b/0"), []),
         (("video/0",), []),

@@ -12,6 +12,7 @@ import pytest
 import zarr
 from made_episodes import jpegs, pictures, write_hdf5, write_zarr, zipped
 from tactileforge_episodes.dataset import Episodes
+from tactileforge_episodes.packages import need
 
 from tactileforge import cli
 from tactileforge.datasets import recognise
@@ -811,3 +812,28 @@ def test_a_table_in_an_array_is_named_with_its_columns(tmp_path):
     [(_, guess), *_] = recognise(tmp_path)
     line = "ft: a table of t, fx, fz, which is not read; write each column as an array of its own"
     assert any(line in doubt for doubt in guess.options["map"]["doubts"])
+
+
+@pytest.mark.parametrize("factor", [1, -1])
+def test_forces_of_the_only_body_of_a_simulator_are_on_the_only_touch(tmp_path, factor):
+    force = np.zeros((9, 1, 3), "f4")
+    force[:, 0] = np.arange(27).reshape(9, 3) * [0.1, -0.1, factor * 0.1]
+    arrays = {"obs/tactile_rgb": pictures(9, 24, 32, 3), "obs/contact_forces": force}
+    WRITERS["hdf5"](tmp_path, arrays)
+    (one,) = read(tmp_path)[0].values()
+    np.testing.assert_array_equal(one.force, force[:, 0] * np.float32([1, 1, factor]))
+    assert "contact_forces" not in one.tracks
+
+
+def test_forces_of_several_bodies_are_a_track(tmp_path):
+    force = np.ones((9, 2, 3), "f4")
+    arrays = {"obs/tactile_rgb": pictures(9, 24, 32, 3), "obs/contact_forces": force}
+    WRITERS["hdf5"](tmp_path, arrays)
+    (one,) = read(tmp_path)[0].values()
+    assert one.force is None
+    np.testing.assert_array_equal(one.tracks["contact_forces"], force)
+
+
+def test_a_missing_module_is_installed_by_the_name_of_its_package():
+    with pytest.raises(ConfigError, match=r"is read by nowhere\.io: pip install nowhere "):
+        need("nowhere.io", "a.mat")

@@ -89,9 +89,18 @@ def _about(path: Path) -> str:
 
 def _film(path: Path) -> str:
     """Kind of an unread film, and a way to convert it; "" for another file."""
-    if path.suffix.lower() != ".gif":
-        return ""
-    return f"a GIF, of 256 colours: ffmpeg -i {shlex.quote(path.name)} -c:v ffv1 {path.stem}.mkv"
+    name, film = shlex.quote(path.name), shlex.quote(f"{path.stem}.mkv")
+    match path.suffix.lower():
+        case ".gif":
+            return f"a GIF, of 256 colours: ffmpeg -i {name} -c:v ffv1 {film}"
+        case ".h264" | ".264" | ".h265" | ".265" | ".hevc":
+            return (
+                "a film without times: ffmpeg -framerate 30 -i "
+                f"{name} -c copy {film}, with its own rate for 30"
+            )
+        case ".flv" | ".mts" | ".m2ts" | ".wmv" | ".3gp" | ".ogv":
+            return f"a film: ffmpeg -i {name} -c:v ffv1 {film}"
+    return ""
 
 
 def _taxels(path: Path) -> str:

@@ -53,6 +53,10 @@ _HDF5 = (
 _TORCH = (
     "python -c \"import numpy, torch; numpy.savez('{1}', **torch.load('{0}', weights_only=True))\""
 )
+_TDMS = (
+    'pip install nptdms pandas && python -c "from nptdms import TdmsFile; '
+    "TdmsFile('{}').as_dataframe().to_csv('{}', index=False)\""
+)
 _LMDB = (
     "python -c \"import lmdb; [open(k.decode().replace('/', '_'), 'wb').write(v) for k, v in "
     "lmdb.open('{}', readonly=True).begin().cursor()]\""
@@ -98,6 +102,8 @@ def conversion(path: Path) -> str:
         case ".lvm":
             told = "a table of LabVIEW: awk 'n > 1; /End_of_Header/ {n++}'"
             return f"{told} {name} > {shlex.quote(f'{path.stem}.tsv')}"
+        case ".tdms":
+            return f"LabVIEW's: {_TDMS.format(path.name, csv)}"
         case ".mdb" if path.stem == "data":
             return f"an LMDB: {_LMDB.format(path.parent.name)}"
     if ".tfrecord" in path.name.lower():

@@ -16,3 +16,17 @@ SIDES = {word: words.split()[0] for words in _WORDS for word in words.split()}
 SIDE_WORDS = re.compile("|".join((*SIDES, "finger", "palm", "wrist")))
 #: Whole names of one of several files or folders; within longer ones, they may mean anything.
 SIDE_NAMES = SIDES.keys() | {"finger", "palm", "wrist", "up", "down", "first", "second", "a", "b"}
+
+
+def side_of(name: str) -> str:
+    """Side of a file or folder by its whole name, or by the only word of a side in it; "" for none.
+
+    Example:
+        >>> side_of("Left"), side_of("left_tactile"), side_of("palm_rgb"), side_of("left_right")
+        ('left', 'left', '', '')
+    """
+    name = name.lower()
+    if name in SIDE_NAMES:
+        return name
+    words = SIDES.keys() & {*re.findall(r"[a-z]+", name)}
+    return words.pop() if len(words) == 1 else ""

@@ -1,8 +1,8 @@
 """Names of columns and rows of tables as programs write them.
 
 Cells are separated by commas, semicolons, tabs or blanks. Decimals have points, or commas where
-these separate no cells. Names stand in the first line, below lines of a title, behind ``#``, in two
-lines (groups or units), or nowhere: then columns are ``0``, ``1`` and so on.
+these separate no cells. Names stand in the first line, below lines of a title, behind ``#`` or
+``%``, in two lines (groups or units), or nowhere: then columns are ``0``, ``1`` and so on.
 """
 
 from __future__ import annotations
@@ -274,11 +274,11 @@ def _is_data(cells: Cells) -> bool:
 
 
 def _is_comment(cells: Cells) -> bool:
-    return bool(cells) and cells[0].startswith("#")
+    return bool(cells) and (cells[0].startswith(("#", "% ", "%%")) or cells[0] == "%")
 
 
 def _uncommented(cells: Cells) -> list[str]:
-    cells = [cells[0].lstrip("# "), *cells[1:]]
+    cells = [cells[0].lstrip("#% "), *cells[1:]]
     return cells if cells[0] or (len(cells) > 1 and cells[1] == "") else [*cells[1:]]
 
 

@@ -28,7 +28,7 @@ _SENSORS += "|(?:gel[-_. ]?sight|gs)(?:[-_. ]?mini)?|dm[-_. ]?tac|9dtact|tac3d|w
 #: Words of versions of the same pictures.
 VERSIONS = {
     *("raw", "processed", "preprocessed", "original", "orig", "cropped", "resized", "compressed"),
-    *("rectified", "undistorted", "filtered", "augmented"),
+    *("rectified", "rectify", "undistorted", "filtered", "augmented"),
 }
 _DEVICES = (
     re.compile(

@@ -49,6 +49,8 @@ def read_force(
         raise DataError(f"{ref}: {ref.facts.shape} has {wide} numbers a row, which are no force")
     values = numbers(ref.rows(rows, ahead=True), ref, limit)
     values = values[:, pad] if pad is not None and values.ndim == 3 else values
+    # a simulator's forces of the bodies of one sensor, which are one
+    values = values[:, 0] if values.ndim == 3 and values.shape[1] == 1 else values
     values = values[:, None] if values.ndim == 1 else values
     most = max((column for column in about.columns if column is not None), default=0)
     if values.ndim != 2 or values.shape[1] <= most:

@@ -16,6 +16,8 @@ from tactileforge_episodes.looks import Look
 
 #: Sizes of the last axis of forces along an axis, along three, and with torques.
 _SINGLE, _WHOLE = ((), (1,)), ((3,), (6,))
+#: Axis of the bodies of a simulator, where a sensor is one.
+_ONE = (1,)
 
 
 def guess_forces(
@@ -41,7 +43,7 @@ def guess_forces(
     given = set()
     for key, entry in entries.items():
         pads = found.looks[key].width[:1] if entry.get("pads") else ()
-        fits = [name for name, look in named.items() if look.width[:-1] == pads]
+        fits = [name for name, look in named.items() if look.width[:-1] in (pads, pads or _ONE)]
         name = force_of_touch([*entries], fits).get(key, "")
         if name and (force := _force(found, name, named[name], clocks[named[name].key])):
             entry["force"] = force
@@ -91,8 +93,8 @@ def _force(
             f"force: {name} has a clock of its own, {clock['array']} in {clock['unit']}, and is "
             "interpolated to the frames"
         )
-    if look.width in _WHOLE:
-        z = found.values(look)[:, 2].astype(np.float64)
+    if look.width[-1:] in _WHOLE and look.width[:-1] in ((), _ONE):
+        z = found.values(look)[..., 2].reshape(-1).astype(np.float64)
         force |= guess_sign(f"z of {name}", z, found.doubts)
     return force
 

@@ -12,7 +12,7 @@ def need(name: str, where: str) -> Any:
     """Imports a package.
 
     Args:
-        name: Name of the package.
+        name: Name of the package, or of a module within one.
         where: File that needs it, for messages.
 
     Raises:
@@ -21,4 +21,5 @@ def need(name: str, where: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        raise ConfigError(f"{where}: is read by {name}: pip install {name} ({error})") from error
+        package = name.partition(".")[0]
+        raise ConfigError(f"{where}: is read by {name}: pip install {package} ({error})") from error

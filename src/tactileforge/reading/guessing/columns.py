@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +128,7 @@ def force_columns(family: Family) -> list[str | None]:
     """Headers of the forces along x, y and z; None for an axis without one."""
     if not family.is_numbered:
         found = axes_of_force(numeric(family), family.side)
-        ways = (_forces_by_unit, _normal_force)
+        ways = (_forces_by_unit, _normal_force, _force_of_file)
         return found if any(found) else next(filter(any, (way(family) for way in ways)), found)
     if not _is_called(_FORCE_STEM, family) or nanoseconds_beside("0", family.rows):
         return [None] * 3
@@ -163,6 +164,15 @@ def _normal_force(family: Family) -> list[str | None]:
     if len(named) != 1 or is_constant(family, named[0]):
         return [None] * 3
     return [None, None, named[0]]
+
+
+def _force_of_file(family: Family) -> list[str | None]:
+    """The only column of values in a table named by the normal axis (``Fz.csv``)."""
+    name = re.sub(r"\{\w+\}", "", PurePath(family.template).stem).strip("_-. ")
+    known = {family.key, time_column(family), *(t for t in family.rows[0] if fits(FRAME, t))}
+    rest = [title for title in numeric(family) if title not in known]
+    is_normal = axis_of(name) == "z" and not is_elsewhere(words_of(name))
+    return [None, None, rest[0]] if is_normal and len(rest) == 1 else [None] * 3
 
 
 def says_no_axis(title: str) -> bool:

@@ -74,7 +74,7 @@ def guess_labels(
             column = next((t for t in titles if not is_series or is_constant(family, t)), None)
             if column and (column != family.key or _names_folders(family, units)):
                 given.setdefault(name, f"{{{column}}}")
-        sensor = family.column(SENSOR)
+        sensor = _sensor_column(family)
         if sensor and is_series and not is_constant(family, sensor):
             sensor = None
         types = {row[sensor]: _type_of(row[sensor]) for row in family.rows} if sensor else {}
@@ -161,7 +161,7 @@ def guess_shared(
                 )
         if not family.is_own and family.files[0].suffix.lower() in RECORDS:
             for name, pattern in (("sensor", SENSOR), ("object", OBJECT), ("text", TEXT)):
-                column = family.column(pattern)
+                column = _sensor_column(family) if name == "sensor" else family.column(pattern)
                 value = row[column] if column else ""
                 value = _type_of(value) if name == "sensor" else value
                 if value:
@@ -171,6 +171,13 @@ def guess_shared(
             used.append(family)
             given = said | given
     return given, used
+
+
+def _sensor_column(family: Family) -> str | None:
+    """Column of the type of the sensor: that of the side of a family first."""
+    side = re.escape(family.side)
+    own = re.compile(rf"sensors?[._]{side}(?:[._](?:type|model|name))?|{side}[._]sensor")
+    return (family.column(own) if side else None) or family.column(SENSOR)
 
 
 def guess_unit(found: Sequence[Family], doubts: list[str]) -> tuple[str, list[Family]]:

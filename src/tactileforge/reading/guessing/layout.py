@@ -14,11 +14,12 @@ from tactileforge.reading.guessing.frames import guess_frames
 from tactileforge.reading.guessing.labels import left_out
 from tactileforge.reading.guessing.media import VIDEOS, Part, of_endings, stacks, stills_among
 from tactileforge.reading.guessing.part import NOTES, TABLES, add_camera, guess_part
+from tactileforge.reading.guessing.patterns import pattern_of
 from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.guessing.view_words import scenes, words_of
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, sheets
-from tactileforge.reading.sides import SIDE_NAMES, SIDES
+from tactileforge.reading.sides import side_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 
 _NUMBER = re.compile(r"\d+")
@@ -31,6 +32,8 @@ _ABOUT = re.compile(
 )
 #: Endings of archives, of which folders of their names may be beside them.
 _ARCHIVES = frozenset({".zip", ".7z", ".rar", ".tar", ".gz", ".tgz"})
+#: Names that phones and cameras give to films.
+_OF_CAMERA = re.compile(r"(?:IMG|MVI|VID|PXL|DJI|MOV)_\d{4,}.*|DSCN?_?\d{4,}|G[HPX]\d{6}|GOPR\d{4}")
 #: Largest number of folders that get a layout each.
 _MOST_PARTS = 20
 
@@ -52,8 +55,12 @@ def guess_layout(root: Path) -> Guess | None:
     stills = stills_among(files, root)
     shown = [path for kind in kinds for path in kind if path not in stills]
     views = scenes(list(dict.fromkeys(shown)), root)
+    views += _of_cameras([path for path in shown if path not in views], files)
     hidden = {*views}
     owns = [[one for one in kind if one not in hidden] for kind in kinds]
+    films, pictures = [*owns[0], *owns[1]], [path for path in owns[2] if path not in stills]
+    if _are_data(pictures, films, files):
+        owns = [owns[2], *owns[:2]]
     media = next((own for own in owns if not stills.issuperset(own)), [])
     if not media:
         return None
@@ -67,6 +74,9 @@ def guess_layout(root: Path) -> Guess | None:
         f"{part.folder}: {line}" if part.folder else line for part in parts for line in part.doubts
     ]
     seen = {*media}.union(*(part.read for part in parts))
+    if media[0] in pictures:
+        films = [path for path in films if path not in stills]
+        doubts += _films_left_out(root, films, files, parts[0].layout["sensor"])
     doubts += left_out(_unread(files, seen, doubts), root)
     if len(files) < _MOST_FILES:
         doubts += _without_media(paths, media, root)
@@ -74,6 +84,43 @@ def guess_layout(root: Path) -> Guess | None:
     kind = "videos" if "videos" in layout else f"images, each {layout['each']} a recording"
     options = {"root": str(root), "layouts": layouts}
     return Guess(options=options, format=f"a folder of {kind}", score=0.1, doubts=doubts)
+
+
+def _of_cameras(shown: Sequence[Path], files: Sequence[Path]) -> list[Path]:
+    """Films with a phone's or camera's own name and no table, beside others; [] for all films."""
+    tables = {path.with_suffix("") for path in of_endings(files, TABLES | sheets())}
+    films = of_endings(shown, VIDEOS)
+    found = [
+        path
+        for path in films
+        if _OF_CAMERA.fullmatch(path.stem) and path.with_suffix("") not in tables
+    ]
+    return found if len(found) < len(films) else []
+
+
+def _are_data(pictures: Sequence[Path], films: Sequence[Path], files: Sequence[Path]) -> bool:
+    """Whether pictures are the data and films only show it: tables are beside the pictures."""
+    folders, shown = {path.parent for path in pictures}, {path.parent for path in films}
+    named = {path.stem for path in films}
+    tables = [path for path in files if path.suffix.lower() in (TABLES - NOTES) | sheets()]
+    beside = any(path.parent in folders for path in tables)
+    of_films = any(path.parent in shown or path.stem in named for path in tables)
+    return beside and not of_films
+
+
+def _films_left_out(
+    root: Path, films: Sequence[Path], files: Sequence[Path], sensor: str
+) -> list[str]:
+    """Line about films that are not read, with the key for these in place of images."""
+    if not films:
+        return []
+    first, more = films[0].relative_to(root).as_posix(), len(films) - 1
+    pattern = pattern_of(Part(root, "", films, files))
+    return [
+        f"touch: {first}{f' and {more} more are' if more else ' is'} left out, since tables are "
+        f"beside the images; if touch is in films: data.layouts={{films: {{videos: {pattern!r}, "
+        f"sensor: {sensor}, background: {{first: 1}}}}}}"
+    ]
 
 
 def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> list[Path]:
@@ -158,22 +205,25 @@ def _by_splits(media: Sequence[Path]) -> dict[str, list[Path]]:
 
 
 def _by_sides(root: Path, media: Sequence[Path], files: Sequence[Path]) -> dict[str, list[Path]]:
-    """Files of each side of a gripper, if tables have the forces of each; {} otherwise."""
-    are_files = all(path.stem.lower() in SIDE_NAMES for path in media)
-    words = [[word for word in words_of(path.stem) if word in SIDES] for path in media]
-    are_named = not are_files and all(len(own) == 1 for own in words)
+    """Files of each side of a gripper, if tables have the forces or sensor of each; or {}."""
+    own = [side_of(path.stem) for path in media]
     sides: dict[str, list[Path]] = {}
-    for path, own in zip(media, words, strict=True):
-        side = path.stem if are_files else own[0] if are_named else path.parent.name
-        sides.setdefault(side, []).append(path)
-    if len(sides) < 2 or not {name.lower() for name in sides} <= SIDE_NAMES:
+    for path, side in zip(media, own, strict=True):
+        is_bare = path.stem.lower() == side
+        key = (path.stem if is_bare else side) if all(own) else path.parent.name
+        sides.setdefault(key, []).append(path)
+    named = {side_of(name) for name in sides} - {""}
+    if not len(named) == len(sides) > 1:
         return {}
-    forces = set()
+    forces, sensors = set(), set()
     for side, paths in sides.items():
         part = Part(root, side, paths, files)
         guess_part(part)
         forces |= {str(part.layout["force"])} if "force" in part.layout else set()
-    return sides if len(forces) == len(sides) else {}
+        # a type by the shape of the pictures is in no table
+        if not any(line.startswith("sensor: no name") for line in part.doubts):
+            sensors.add(str(part.layout["sensor"]))
+    return sides if len(sides) in (len(forces), len(sensors)) else {}
 
 
 def _by_backgrounds(

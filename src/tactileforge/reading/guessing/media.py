@@ -19,7 +19,7 @@ from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.guessing.view_words import DERIVED, says_touch, words_of
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import name_prefix
-from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.sides import SIDE_NAMES, side_of
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 
 #: Endings of films that are taken for data: a gif shows something, and .ts is a program as well.
@@ -95,7 +95,7 @@ class Part:
     @property
     def side(self) -> str:
         """Side of the folder, such as ``left``; "" for none."""
-        return self.folder.lower() if self.folder.lower() in SIDE_NAMES else ""
+        return side_of(self.folder)
 
 
 def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:

@@ -31,7 +31,7 @@ from tactileforge.reading.series import names_of
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.trial_rows import RECORDING_WORDS
-from tactileforge.reading.trials import TRIAL, VERSIONS
+from tactileforge.reading.trials import VERSIONS
 
 #: Endings of tables that may be notes as well, and of all that are read.
 NOTES = frozenset({".txt", ".dat"})
@@ -39,6 +39,18 @@ TABLES = frozenset({".csv", ".tsv"}) | NOTES | RECORDS
 #: Folder of an object: words, which count no trials and tell no date.
 _OBJECT_FOLDER = re.compile(
     rf"(?!(?:{RECORDING_WORDS}|session|day|set|part|batch)s?[\W\d_]*[a-z]?$)\D.*", re.IGNORECASE
+)
+#: Folder of a trial or a date, below that of an object.
+_TRIAL_FOLDER = re.compile(
+    rf"(?:{RECORDING_WORDS}|ep|traj|trajectory|rollout|test)[-_. ]?\d+"
+    r"|(?:19|20)\d{2}([-_.]?)[01]\d\1[0-3]\d(?:[-_T ].*)?",
+    re.IGNORECASE,
+)
+#: Folders of what came of a trial.
+_OUTCOME = re.compile(
+    r"(?:no|non|not)?[-_ ]?(?:success(?:es|ful)?|succeeded|fail(?:s|ed|ures?)?|slip(?:s|ped|ping)?|"
+    r"stable|unstable|contact|touch|good|bad|ok|stick|drop(?:ped)?|positives?|negatives?)",
+    re.IGNORECASE,
 )
 #: Folder of a value with its unit.
 _VALUE = re.compile(r"[-+]?\d+(?:[.,]\d+)?[-_ ]?(?:[mk]?n|newtons?|k?gf?|lbf?|[mcu]?m|deg)", re.I)
@@ -243,7 +255,7 @@ def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
     """
     parents = [parts for parts in units.files if len(parts) > 1]
     is_trial = bool(parents) and all(
-        len(parts) > 2 and TRIAL.fullmatch(parts[-2]) for parts in units.files
+        len(parts) > 2 and _TRIAL_FOLDER.fullmatch(parts[-2]) for parts in units.files
     )
     of_folder: dict[str, set[str]] = {}
     for parts in parents:
@@ -260,6 +272,13 @@ def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
         or not all(_OBJECT_FOLDER.fullmatch(name) for name in of_folder)
         or any(name.lower() in others or named_sensor(name) for name in of_folder)
     ):
+        return {}
+    if all(map(_OUTCOME.fullmatch, of_folder)):
+        doubts.append(
+            f"object: folders are named by what came of it ({', '.join(sorted(of_folder)[:2])}), "
+            "not by objects; write it into a table with a row of each recording: labels: {file: "
+            "labels.csv, key: file}"
+        )
         return {}
     if is_trial:
         doubts.append("object: named by the folder above that of a trial")

@@ -75,7 +75,10 @@ _SCENE = {
 #: Words of pictures that are no view of a scene either.
 NO_VIEW = DERIVED | _WANTED | _ASIDE
 #: Words that a name of captured pictures may have beside those of computed ones.
-_CAPTURED = VIEWS | {"color", "colour", "raw", "input", "inputs"}
+_CAPTURED = VIEWS | {
+    *("color", "colour", "raw", "input", "inputs"),
+    *("rectify", "rectified", "undistorted", "cropped"),
+}
 #: The same for folders of images, without markers: those may be on the gel itself.
 _COMPUTED = DERIVED - {"marker", "markers"}
 #: Words of a view of a scene beside pictures that are called touch.
