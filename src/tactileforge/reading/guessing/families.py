@@ -184,6 +184,7 @@ class _Places:
         self._exact: dict[tuple[Parts, str], Parts] = {}
         self._prefix: dict[tuple[Parts, str], Parts] = {}
         self._near: dict[tuple[Parts, str], Parts] = {}
+        self._mirror: dict[tuple[Parts, Parts, str], Parts] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
@@ -192,6 +193,8 @@ class _Places:
             stem = self._name(parts)
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], name_prefix(stem)), parts)
+            for depth in range(len(parts) - 1):
+                self._mirror.setdefault((parts[:depth], parts[depth + 1 : -1], stem), parts)
             for depth in range(len(parts)):
                 self._near.setdefault((parts[:depth], stem), parts)
             for mark in _MARKS if len(parts) > 1 else "":
@@ -223,8 +226,11 @@ class _Places:
         unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
+            levels = range(len(folder) - 1, -1, -1)
+            mirror = (self._mirror.get((folder[:i], folder[i + 1 :], stem)) for i in levels)
             near = (self._near.get((folder[:i], stem)) for i in range(len(folder), -1, -1))
-            unit = max(beside, key=len, default=None) or next(filter(None, near), None)
+            unit = max(beside, key=len, default=None)
+            unit = unit or next(filter(None, chain(mirror, near)), None)
             unit = unit or self._joint.get(stem)
         prefix = name_prefix(stem)
         if unit is None and self.units.each == "video" and prefix:
@@ -248,8 +254,12 @@ class _Places:
         if self.units.each == "sequence" and folder == unit:
             return "{file}" if folder else ""
         words = {len(unit) - 2: "{folder}", len(unit) - 3: "{parent}"}
+        # tables in a tree like that of the recordings have their folders from its root on
+        is_like = len(folder) == len(unit) - 1
         out = [
-            words.get(i, part) if folder[: i + 1] == unit[: i + 1] else part
+            words.get(i, part)
+            if folder[: i + 1] == unit[: i + 1] or (is_like and folder[i:] == unit[i:-1])
+            else part
             for i, part in enumerate(folder)
         ]
         if out and out[-1] == folder[-1] and len(unit) > 1 and folder[-1] == unit[-2]:
@@ -272,11 +282,10 @@ def _filled(family: Family, units: Units) -> Iterator[bool]:
             f"{name.rpartition('/')[0]}/*{PurePath(name).suffix}".lstrip("/") for name in there
         }
     above = family.template.split("/")[:-1]
-    # folders of one recording in a template are of no other
-    own = [(i, name) for i, name in enumerate(above) if family.unit[i : i + 1] == (name,)]
+    # folders of some recordings in a template are of no others
+    own = {*above} & {name for unit in units.files for name in unit[:-1]}
     for unit in units.files:
-        is_own = all(unit[i : i + 1] == (name,) for i, name in own)
-        yield is_own and table_of(family, unit, units) in there
+        yield own <= {*unit[:-1]} and table_of(family, unit, units) in there
 
 
 def table_of(family: Family, unit: Parts, units: Units) -> str:
