@@ -24,8 +24,8 @@ class LabelRow:
     Attributes:
         where: CSV and line, or the file itself without a row.
         cells: Values of the CSV by column; "" for a missing one.
-        words: Values by column, with ranks as words, and ``file``, ``stem``, ``prefix``, ``folder``
-            and ``parent``.
+        words: Values by column, with ranks as words, and ``file``, ``stem``, ``prefix``,
+            ``folder``, ``parent`` and ``above``.
         images: Rows of the images of a folder, by file; empty for a folder with one row.
         mixed: Description of the difference, by column, for columns of unequal rows of a folder.
     """
@@ -315,6 +315,7 @@ def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
         "prefix": name_prefix(stem),
         "folder": folder.name,
         "parent": folder.parent.name,
+        "above": folder.as_posix(),
     }
 
 

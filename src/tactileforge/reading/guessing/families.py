@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice, permutations
+from itertools import chain, islice, permutations, takewhile
+from os.path import normpath
 from pathlib import Path, PurePath
 from typing import TypeAlias
 
@@ -189,6 +190,7 @@ class _Places:
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
         self._images: dict[Parts, frozenset[str]] = {}
+        self._shared = len(_common([parts[:-1] for parts in units.files]))
         for parts, paths in units.files.items():
             stem = self._name(parts)
             self._exact.setdefault((parts[:-1], stem), parts)
@@ -253,6 +255,11 @@ class _Places:
         """Folder of a table, with the names of the folders of a recording in braces."""
         if self.units.each == "sequence" and folder == unit:
             return "{file}" if folder else ""
+        common = len(_common([folder, unit[:-1]]))
+        if self._shared < min(common, len(unit) - 3):  # deeper than the names of two folders tell
+            up = [".."] * (len(unit) - 1 - common)
+            below = [self._named(part, unit) for part in folder[common:]]
+            return "/".join(["{above}", *up, *below])
         words = {len(unit) - 2: "{folder}", len(unit) - 3: "{parent}"}
         # tables in a tree like that of the recordings have their folders from its root on
         is_like = len(folder) == len(unit) - 1
@@ -262,11 +269,21 @@ class _Places:
             else part
             for i, part in enumerate(folder)
         ]
-        if out and out[-1] == folder[-1] and len(unit) > 1 and folder[-1] == unit[-2]:
-            out[-1] = "{folder}"
-        if out and unit and folder[-1] == self._name(unit):
-            out[-1] = "{stem}"
+        if out and out[-1] == folder[-1]:
+            out[-1] = self._named(folder[-1], unit)
         return "/".join(out)
+
+    def _named(self, part: str, unit: Parts) -> str:
+        """A folder of a table, in braces if it has the name of a recording or of its folder."""
+        if unit and part == self._name(unit):
+            return "{stem}"
+        return "{folder}" if len(unit) > 1 and part == unit[-2] else part
+
+
+def _common(folders: Sequence[Parts]) -> Sequence[str]:
+    """The first parts that all of some folders share."""
+    levels = zip(*folders, strict=False)
+    return [level[0] for level in takewhile(lambda level: len({*level}) == 1, levels)]
 
 
 def _starts(stem: str, name: str) -> bool:
@@ -294,7 +311,8 @@ def table_of(family: Family, unit: Parts, units: Units) -> str:
     stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
     name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
     name = name.replace("{prefix}", name_prefix(stem)).replace("{folder}", padded[-2])
-    return name.replace("{parent}", padded[-3])
+    name = name.replace("{parent}", padded[-3])
+    return normpath(name.replace("{above}", "/".join(unit[:-1]) or "."))
 
 
 def is_for_all(family: Family, units: Units) -> bool:
