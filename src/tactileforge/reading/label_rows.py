@@ -205,6 +205,11 @@ def _own_rows(
         if not (any(path.parent.glob(path.name)) if many else path.is_file()):
             continue
         rows = read_cells(path, [*layout.words])
+        if not rows:
+            raise DataError(
+                f"{path}: a line of names of columns, and no row; if that line is a text, write "
+                "the name of its column above it (text), or remove the file"
+            )
         if len(rows) == 1 and not many:
             found |= {name: _row(name, *rows[0], layout) for name in touches}
             continue
