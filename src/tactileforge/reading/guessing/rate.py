@@ -18,6 +18,7 @@ from tactileforge.errors import TactileForgeError
 from tactileforge.reading.guessing.columns import moments, numbers
 from tactileforge.reading.guessing.families import Cells, Family, Units, recordings, table_of
 from tactileforge.reading.guessing.media import ASSUMED_FPS, Part, open_media
+from tactileforge.reading.table_clock import SURE
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.trial_rows import recordings_of
 
@@ -92,9 +93,10 @@ def guess_rate(part: Part, family: Family, force: Mapping[str, Any]) -> None:
         fps = float(f"{rate:.3g}")
     if not own or fps == own or (not assumes and 1 / _AS_ASSUMED < fps / own < _AS_ASSUMED):
         return
-    better = 0.0
+    of_own = of_forces = 0.0
     if force.get("start") != "contact":  # there, the shift is not known
-        better = _fit(part, takes[:_SEEN], fps) - _fit(part, takes[:_SEEN], own)
+        of_own, of_forces = (_fit(part, takes[:_SEEN], one) for one in (own, fps))
+    better = of_forces - of_own if max(of_own, of_forces) > SURE else 0.0
     if assumes and better < -_BETTER:
         _say(
             part,
