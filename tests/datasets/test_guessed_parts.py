@@ -192,8 +192,55 @@ def test_the_table_of_one_trial_is_not_given_to_others(tmp_path: Path) -> None:
     found, doubts = read(tmp_path)
     assert len(found) == 4
     assert all(one.force is None for one in found.values())
-    line = "force: not every recording has its day_a/{parent}/ft/{stem}.csv; left out"
+    line = "force: not every recording has its {above}/../ft/{stem}.csv; left out"
     assert line in doubts
+
+
+@pytest.mark.parametrize("below", ["", "/day_1"])
+def test_tables_in_a_tree_like_that_of_the_films_are_each_of_their_own(
+    below: str, tmp_path: Path
+) -> None:
+    for number, item in enumerate(("mug", "can")):
+        for trial in range(2):
+            film(tmp_path / f"video/{item}{below}/trial_{trial}.avi")
+            table(tmp_path / f"ft/{item}{below}/trial_{trial}.csv", 2 + 2 * number + trial)
+    found, _ = read(tmp_path)
+    peaks = {one.key: one.force[-1, 2] for one in found.values() if one.force is not None}
+    assert peaks == {
+        f"guessed/video/{item}{below}/trial_{trial}.avi": 2 + 2 * number + trial
+        for number, item in enumerate(("mug", "can"))
+        for trial in range(2)
+    }
+
+
+def test_the_table_of_one_object_is_not_given_to_others(tmp_path: Path) -> None:
+    for item in ("mug", "can"):
+        for trial in range(2):
+            film(tmp_path / f"video/{item}/trial_{trial}.avi")
+    for trial in range(2):
+        table(tmp_path / f"ft/mug/raw/trial_{trial}.csv", 2)
+    found, doubts = read(tmp_path)
+    assert len(found) == 4
+    assert all(one.force is None for one in found.values())
+    assert "force: not every recording has its ft/mug/raw/{stem}.csv; left out" in doubts
+
+
+@pytest.mark.parametrize(
+    ("video", "ft"),
+    [("tactile", "ft/ft"), ("tactile", "ft"), ("video/gel", "ft"), ("video/gel", "ft/gel")],
+)
+def test_tables_of_recordings_below_many_folders_are_each_of_their_own(
+    video: str, ft: str, tmp_path: Path
+) -> None:
+    peaks = {}
+    for number in range(8):
+        user, item, trial = number // 4, number // 2 % 2, number % 2
+        folder = f"lab/user_{user}/item_{item}/trial_{trial}"
+        film(tmp_path / folder / f"{video}.avi")
+        table(tmp_path / folder / f"{ft}.csv", 2 + number)
+        peaks[f"guessed/{folder}/{video}.avi"] = 2 + number
+    found, _ = read(tmp_path)
+    assert peaks == {one.key: one.force[-1, 2] for one in found.values() if one.force is not None}
 
 
 def counted(folder: Path, frames: int, first: int = 0, rows: int = 20) -> None:

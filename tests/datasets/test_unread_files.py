@@ -10,7 +10,7 @@ import pytest
 from tactileforge.contracts import Guess
 from tactileforge.datasets.recognition import recognise
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.errors import DataNotFoundError
+from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.reading.linked import matches
 from tactileforge.reading.records import conversion, read_records
 
@@ -75,12 +75,14 @@ def test_files_beside_pictures_are_named(tmp_path: Path) -> None:
         picture(tmp_path / f"images/{i}.png", 40 * i)
     (tmp_path / "forces.zip").write_bytes(b"PK\x03\x04")
     (tmp_path / "data.h5").write_bytes(b"\x89HDF")
-    (tmp_path / "labels.txt").write_text("0.png 0.1 0.2 0.3\n")
+    (tmp_path / "labels.txt").write_text("all are rough\n")
     (tmp_path / "README.txt").write_text("5 touches\n")
     doubts = "\n".join(guessed(tmp_path)[0].doubts)
     for name in ("forces.zip is left out: an archive", "data.h5 is left out", "labels.txt is left"):
         assert name in doubts
     assert "README" not in doubts
+    (tmp_path / "labels.txt").write_text("0.png 0.1 0.2 0.3\n")
+    assert "labels: 1, 2, 3 by labels.txt" in guessed(tmp_path)[0].doubts
 
 
 def test_a_link_to_a_folder_beside_it_counts_once(tmp_path: Path) -> None:
@@ -165,3 +167,18 @@ def test_a_folder_of_a_trial_without_pictures_is_named(tmp_path: Path) -> None:
     (tmp_path / "trial_12").mkdir()
     (tmp_path / "trial_12/forces.csv").write_text("frame,fz\n0,1\n")
     assert lines() == [f"touch: trial_12 and 1 more have {there}"]
+
+
+@pytest.mark.parametrize("ending", ["json", "yaml"])
+def test_lists_of_numbers_are_columns_like_those_of_an_array(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"times.{ending}"
+    path.write_text(str([n / 4 for n in range(9)]))
+    assert [cells for _, cells in read_records(path)] == [{"0": str(n / 4)} for n in range(9)]
+    path.write_text(str([[n, 2 * n] for n in range(9)]))
+    wanted = [{"0": str(n), "1": str(2 * n)} for n in range(9)]
+    assert [cells for _, cells in read_records(path)] == wanted
+    # a vector, rows of other lengths, and a picture
+    for content in ([0.1, 0.2, 2], [*([[1, 2]] * 8), [1]], [[0] * 320] * 9):
+        path.write_text(str(content))
+        with pytest.raises(DataError, match="where a row of named values is wanted"):
+            read_records(path)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from videos import write_video
 
 from tactileforge.data import encode_image
 from tactileforge.datasets import Recordings
@@ -70,3 +71,55 @@ def test_slow_frames_beside_milliseconds_tell_both(tmp_path: Path) -> None:
     (layout,) = guess.options["layouts"].values()
     assert layout["fps"] == 5
     assert layout["force"]["times"] == {"column": "time", "unit": "ms"}
+
+
+def press(folder: Path, count: int, fps: float, seconds: float, film: float = 0) -> None:
+    """A press within frames, as images or a film of another rate, and forces of other length."""
+    folder.mkdir()
+    times = np.arange(count) / fps
+    middle, width = times[-1] / 2, times[-1] / 6
+    levels = (90 + 60 * np.exp(-(((times - middle) / width) ** 2))).astype(np.uint8)
+    pictures = [np.full((24, 32, 3), level, np.uint8) for level in levels]
+    if film:
+        write_video(folder / "gel.avi", pictures, fps=film)
+    else:
+        for number, picture in enumerate(pictures):
+            (folder / f"{number:04d}.png").write_bytes(encode_image(picture, "png"))
+    at = np.arange(round(seconds * 100)) / 100
+    rows = [f"{now:g},0,0,{np.exp(-(((now - middle) / width) ** 2)):.6f}" for now in at]
+    (folder / "ft.csv").write_text("\n".join(["t,fx,fy,fz", *rows]) + "\n")
+
+
+def test_forces_recorded_for_longer_leave_a_rate_to_the_push(tmp_path: Path) -> None:
+    for name in "ab":
+        press(tmp_path / name, 30, 30, 3.0)
+    found, line = rate_and_line(tmp_path)
+    assert found == 30
+    assert "fits that of the forces by it" in line
+    assert line.endswith("frames at 10 a second; if that is right, give fps: 10")
+
+
+def test_a_push_at_the_rate_of_the_forces_keeps_that_rate(tmp_path: Path) -> None:
+    for name in "ab":
+        press(tmp_path / name, 30, 10, 3.0)
+    found, line = rate_and_line(tmp_path)
+    assert found == 10
+    assert "all 2 recordings last as long as the forces" in line
+
+
+@pytest.mark.parametrize(("fps", "seconds", "says"), [(20, 1.5, True), (30, 1.5, False)])
+def test_films_of_a_wrong_rate_are_told_by_push_and_forces(
+    fps: int, seconds: float, says: bool, tmp_path: Path
+) -> None:
+    for name in "ab":
+        press(tmp_path / name, 30, fps, seconds, film=30)
+    guess = guess_layout(tmp_path)
+    assert guess is not None
+    (layout,) = guess.options["layouts"].values()
+    assert "fps" not in layout
+    line = (
+        "fps: 30 by the films, but forces last as long as frames at 20 a second, and the push in "
+        "the pictures fits theirs by it; if that is right, give fps: 20"
+    )
+    assert (line in guess.doubts) == says
+    assert any(one.startswith("fps:") for one in guess.doubts) == says

@@ -200,3 +200,17 @@ def test_a_row_of_a_folder_with_a_slash(tmp_path: Path, make_image: Make, write:
     make_image("a/0.png")
     write("labels.csv", "file,object\na/,bolt\n")
     assert read(tmp_path, **SEQUENCE)[0].object == "bolt"
+
+
+def test_a_line_of_text_in_place_of_a_table_is_named(
+    tmp_path: Path, make_image: Make, write: Make
+) -> None:
+    make_image("mug/0.png")
+    write("mug/caption.txt", "a rough nut, held firmly\n")
+    keys = {"labels": {"file": "{file}/caption.txt"}, "object": "{stem}"}
+    with pytest.raises(DataError, match=r"mug/caption.txt: .* and no row; .* above it \(text\)"):
+        read(tmp_path, **SEQUENCE | keys)
+    write("mug/caption.txt", 'text\n"a rough nut, held firmly"\n')
+    assert [one.text for one in read(tmp_path, **SEQUENCE | keys | {"text": "{text}"})] == [
+        "a rough nut, held firmly"
+    ]

@@ -11,6 +11,7 @@ from tactileforge.reading.label_rows import LabelRow, label_row, read_labels
 from tactileforge.reading.layout import DatasetLayout, parse_layout
 from tactileforge.reading.layout_keys import FrameTable
 from tactileforge.reading.tables import read_actions, read_cells, read_force
+from tactileforge.reading.text_tables import read_text_table
 
 Write = Callable[[str, str], Path]
 TIMES = np.arange(5) / 10
@@ -314,3 +315,27 @@ def test_forces_in_another_unit(tmp_path: Path, write: Write) -> None:
     assert table is not None
     force = read_force(table, path, TIMES, "digit")
     np.testing.assert_allclose(force[0], [0.980665, 0, -4.903325], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "header", "first"),
+    [
+        ("0.png 0.1 1.3\n1.png 0.2 1.4\n", ["0", "1", "2"], ["0.png", "0.1", "1.3"]),
+        ("img/0.png 3\nimg/1.png 4\n", ["0", "1"], ["img/0.png", "3"]),
+        ("0.png\n1.png\n2.png\n", ["0"], ["0.png"]),
+        ("0.png,mug\n1.png,can\n", ["0", "1"], ["0.png", "mug"]),
+        ("file,object\n0.png,mug\n1.png,can\n", ["file", "object"], ["0.png", "mug"]),
+        ("a.png,object\nx,mug\ny,can\n", ["a.png", "object"], ["x", "mug"]),
+        ("# gel\n# time name\n1.5 a/0.png\n1.6 a/1.png\n", ["time", "name"], ["1.5", "a/0.png"]),
+        ("[ 0.1 -0.  1.3]\n[ 0.2  0.  1.4]\n", ["0", "1", "2"], ["0.1", "-0.", "1.3"]),
+        ("[[0.1, 2]\n [0.2, 3]]\n".replace("[[", "[").replace("]]", "]"), ["0", "1"], ["0.1", "2"]),
+        ("(0.1, 2)\n(0.2, 3)\n", ["0", "1"], ["0.1", "2"]),
+        ("t,f\n0,[1 2]\n1,[2 3]\n", ["t", "f"], ["0", "[1 2]"]),
+    ],
+)
+def test_a_first_line_with_names_of_files_or_arrays_is_a_row(
+    text: str, header: list[str], first: list[str]
+) -> None:
+    table = read_text_table(text)
+    assert table.header == header
+    assert next(cells for _, cells in table.rows if cells) == first

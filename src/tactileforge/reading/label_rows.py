@@ -25,7 +25,7 @@ class LabelRow:
         where: CSV and line, or the file itself without a row.
         cells: Values of the CSV by column; "" for a missing one.
         words: Values by column, with ranks as words, and ``file``, ``stem``, ``prefix``, ``rest``,
-            ``folder`` and ``parent``.
+            ``folder``, ``parent`` and ``above``.
         images: Rows of the images of a folder, by file; empty for a folder with one row.
         mixed: Description of the difference, by column, for columns of unequal rows of a folder.
     """
@@ -205,6 +205,11 @@ def _own_rows(
         if not (any(path.parent.glob(path.name)) if many else path.is_file()):
             continue
         rows = read_cells(path, [*layout.words])
+        if not rows:
+            raise DataError(
+                f"{path}: a line of names of columns, and no row; if that line is a text, write "
+                "the name of its column above it (text), or remove the file"
+            )
         if len(rows) == 1 and not many:
             found |= {name: _row(name, *rows[0], layout) for name in touches}
             continue
@@ -316,6 +321,7 @@ def _names(name: str, layout: DatasetLayout) -> dict[str, str]:
         "rest": name_rest(stem),
         "folder": folder.name,
         "parent": folder.parent.name,
+        "above": folder.as_posix(),
     }
 
 

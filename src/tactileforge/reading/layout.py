@@ -40,7 +40,7 @@ OTHER_STARTS = 'the time of the first frame by that clock, or "{column}" of the 
 #: A code of checks, or the beginning of one.
 _CODE = re.compile(r"[A-Z]{2,4}\d{0,3}")
 #: Columns of every file, independent of its labels.
-FILE_COLUMNS = ("file", "stem", "prefix", "rest", "folder", "parent")
+FILE_COLUMNS = ("file", "stem", "prefix", "rest", "folder", "parent", "above")
 
 EXAMPLE = """layouts:
   my_touches:

@@ -159,8 +159,9 @@ def read_records(path: Path) -> list[tuple[str, dict[str, str]]]:
     """Place and cells of each row of a JSON, JSON lines, YAML or .npy; "" for a missing value.
 
     A JSON or YAML is a list of rows; one row; rows by the name of their file (column ``file``); a
-    list of rows among values that all share; or columns, lists of one length of 8 or more. Row
-    ``i`` of an array has the columns ``0``, ``1`` and so on.
+    list of rows among values that all share; columns, lists of one length of 8 or more; or 8 or
+    more numbers, or lists of as many numbers each. A row of numbers, or of an array, has the
+    columns ``0``, ``1`` and so on.
 
     Raises:
         DataError: The file is damaged, or has no rows.
@@ -216,6 +217,15 @@ def _parsed(path: Path, text: str, line: int = 0) -> Any:
 
 def _rows_of(content: Any) -> list[Any]:
     """Rows of the content of a file; see `read_records`."""
+    if isinstance(content, list) and len(content) >= _ROWS:
+        rows = content if all(isinstance(row, list) for row in content) else [[x] for x in content]
+        width = len(rows[0])
+        if (
+            width <= CELLS
+            and {*map(len, rows)} == {width}
+            and all(_is_number(x) for row in rows for x in row)
+        ):
+            return [{str(i): x for i, x in enumerate(row)} for row in rows]
     if not isinstance(content, Mapping):
         return list(content) if isinstance(content, list) else [content]
     values = list(content.values())
@@ -261,6 +271,10 @@ def _rows_of_coco(content: Any) -> list[Any]:
         for number, name in files.items()
         if number in told
     ]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _are_rows(rows: Sequence[Any]) -> bool:

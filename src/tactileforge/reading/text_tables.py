@@ -2,7 +2,8 @@
 
 Cells are separated by commas, semicolons, tabs or blanks. Decimals have points, or commas where
 these separate no cells. Names stand in the first line, below lines of a title, behind ``#`` or
-``%``, in two lines (groups or units), or nowhere: then columns are ``0``, ``1`` and so on.
+``%``, in two lines (groups or units), or nowhere: then columns are ``0``, ``1`` and so on. Lines
+may be printed arrays, in brackets.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ _HEAD = 40
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _QUOTED = re.compile(r'"[^"]*"')
+#: A line of an array, and the name of a file: no column is called so.
+_ARRAY = re.compile(r"\s*\[[^\[\]]*\]\s*|\s*\(\s*[-+.\d][^()]*\)\s*")
+_FILE = re.compile(r"\S.*\.(?:png|jpe?g|bmp|tiff?|webp|npy|mp4|avi|mov|mkv)", re.IGNORECASE)
 #: What parts numbers of one cell, and what encloses them.
 _PARTED, _AROUND = re.compile(r"[,;\s]+"), "[]() \t\r\n"
 #: Units of a line below the names of columns; of these, those that a reader takes for granted.
@@ -70,6 +74,9 @@ def read_text_table(text: str) -> TextTable:
         >>> table.header, table.rows
         (['Time', 'Fx [mN]'], [(3, ['0.5', '12.5'])])
     """
+    filled = [line for line in text.splitlines() if line.strip()]
+    if filled and all(map(_ARRAY.fullmatch, filled)):
+        text = "\n".join(line.strip(_AROUND) for line in text.splitlines())
     mark = _mark(text)
     if mark == " ":
         lines = [(i, line.split()) for i, line in enumerate(text.splitlines(), 1)]
@@ -177,8 +184,8 @@ def _mark(text: str) -> str:
     if any("," in line for line in body):
         return ","
     widths = {len(line.split()) for line in body}
-    is_numeric = all(map(is_number, " ".join(body).split()))
-    return " " if is_numeric and len(widths) == 1 and min(widths) > 1 else ","
+    is_plain = all(is_number(word) or _FILE.fullmatch(word) for word in " ".join(body).split())
+    return " " if is_plain and len(widths) == 1 and min(widths) > 1 else ","
 
 
 def _header(lines: Sequence[Cells]) -> tuple[list[str] | None, int]:
@@ -191,7 +198,7 @@ def _header(lines: Sequence[Cells]) -> tuple[list[str] | None, int]:
     if begin == len(lines):
         return comment or None, begin
     first = lines[begin]
-    if _is_data(first):
+    if _is_data(first) or _names_files(lines[begin : begin + 2]):
         named = len(comment) == len(first) and not any(map(is_number, comment))
         return (comment, begin) if named else (None, begin)
     begin = _below_titles(lines, begin)
@@ -199,6 +206,11 @@ def _header(lines: Sequence[Cells]) -> tuple[list[str] | None, int]:
     if not _is_second(lines[second:]):
         return header, second
     return _joined(header, lines[second]), second + 1
+
+
+def _names_files(lines: Sequence[Cells]) -> bool:
+    """Whether a column of some lines has the name of a file in each."""
+    return any(all(map(_FILE.fullmatch, column)) for column in zip(*lines, strict=False))
 
 
 def _below_titles(lines: Sequence[Cells], begin: int) -> int:

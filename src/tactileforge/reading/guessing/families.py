@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice, permutations
+from itertools import chain, islice, permutations, takewhile
+from os.path import normpath
 from pathlib import Path, PurePath
 from typing import TypeAlias
 
@@ -191,6 +192,7 @@ class _Places:
         self._alike: dict[tuple[Parts, str, str], Parts] = {}
         self._named: dict[tuple[Parts, str], tuple[Parts, Parts | None]] = {}
         self._part: dict[tuple[Parts, str], tuple[str, Parts]] = {}
+        self._mirror: dict[tuple[Parts, Parts, str], Parts] = {}
         self._joint: dict[str, Parts] = {}
         self._inside: dict[Parts, list[Parts]] = {}
         self._below: dict[Parts, Parts] = {}
@@ -201,6 +203,7 @@ class _Places:
         }
         # what follows any other first word may be of another recording
         is_of_rest = len(first) == 1 or first <= SIDE_NAMES
+        self._shared = len(_common([parts[:-1] for parts in units.files]))
         for parts, paths in units.files.items():
             stem = names[parts]
             if is_of_rest and (rest := name_rest(stem)):
@@ -210,6 +213,8 @@ class _Places:
                 self._part.setdefault((parts[:-1], prefix), ("{prefix}", parts))
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], prefix), parts)
+            for depth in range(len(parts) - 1):
+                self._mirror.setdefault((parts[:depth], parts[depth + 1 : -1], stem), parts)
             for depth in range(len(parts)):
                 self._near.setdefault((parts[:depth], stem), parts)
             for depth in range(len(parts) - 1):
@@ -246,10 +251,13 @@ class _Places:
         if unit is None:
             beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
             depths = range(len(folder), -1, -1)
+            levels = range(len(folder) - 1, -1, -1)
+            mirror = (self._mirror.get((folder[:i], folder[i + 1 :], stem)) for i in levels)
             alike = (self._alike.get((folder[:i], folder[-1], stem)) for i in depths if folder)
             near = (self._near.get((folder[:i], stem)) for i in depths)
-            unit = max(beside, key=len, default=None) or next(filter(None, alike), None)
-            unit = unit or next(filter(None, near), None) or self._joint.get(stem)
+            unit = max(beside, key=len, default=None)
+            unit = unit or next(filter(None, chain(mirror, alike, near)), None)
+            unit = unit or self._joint.get(stem)
         prefix = name_prefix(stem)
         if unit is None and self.units.each == "video" and prefix:
             unit = self._prefix.get((folder, prefix))
@@ -279,9 +287,18 @@ class _Places:
         """Folder of a table, with the names of the folders of a recording in braces."""
         if self.units.each == "sequence" and folder == unit:
             return "{file}" if folder else ""
+        common = len(_common([folder, unit[:-1]]))
+        if self._shared < min(common, len(unit) - 3):  # deeper than the names of two folders tell
+            up = [".."] * (len(unit) - 1 - common)
+            below = [self._braced(part, unit) for part in folder[common:]]
+            return "/".join(["{above}", *up, *below])
         words = {len(unit) - 2: "{folder}", len(unit) - 3: "{parent}"}
+        # tables in a tree like that of the recordings have their folders from its root on
+        is_like = len(folder) == len(unit) - 1
         out = [
-            words.get(i, part) if folder[: i + 1] == unit[: i + 1] else part
+            words.get(i, part)
+            if folder[: i + 1] == unit[: i + 1] or (is_like and folder[i:] == unit[i:-1])
+            else part
             for i, part in enumerate(folder)
         ]
         for i, part in enumerate(out):
@@ -290,6 +307,18 @@ class _Places:
             if folder[i] == self._name(unit) and (i == len(out) - 1 or out[i] == part):
                 out[i] = "{stem}"
         return "/".join(out)
+
+    def _braced(self, part: str, unit: Parts) -> str:
+        """A folder of a table, in braces if it has the name of a recording or of its folder."""
+        if unit and part == self._name(unit):
+            return "{stem}"
+        return "{folder}" if len(unit) > 1 and part == unit[-2] else part
+
+
+def _common(folders: Sequence[Parts]) -> Sequence[str]:
+    """The first parts that all of some folders share."""
+    levels = zip(*folders, strict=False)
+    return [level[0] for level in takewhile(lambda level: len({*level}) == 1, levels)]
 
 
 def _starts(stem: str, name: str) -> bool:
@@ -317,7 +346,8 @@ def table_of(family: Family, unit: Parts, units: Units) -> str:
     stem = padded[-1] if units.each == "sequence" else PurePath(padded[-1]).stem
     name = family.template.replace("{file}", "/".join(unit)).replace("{stem}", stem)
     name = name.replace("{prefix}", name_prefix(stem)).replace("{rest}", name_rest(stem))
-    return name.replace("{folder}", padded[-2]).replace("{parent}", padded[-3])
+    name = name.replace("{folder}", padded[-2]).replace("{parent}", padded[-3])
+    return normpath(name.replace("{above}", "/".join(unit[:-1]) or "."))
 
 
 def is_for_all(family: Family, units: Units) -> bool:

@@ -88,7 +88,8 @@ def guess_part(part: Part) -> None:
     if times:
         part.forget("fps")
     layout |= times | _background(part) | force
-    if force and part.assumes_rate and "recording" not in layout:
+    of_films = "videos" in layout and not layout.keys() & {"times", "fps"}
+    if force and (part.assumes_rate or of_films) and "recording" not in layout:
         guess_rate(part, of_force[0], force["force"])
     if "sensor" in labels:
         part.forget("sensor")
