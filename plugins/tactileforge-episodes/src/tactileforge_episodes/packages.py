@@ -21,5 +21,5 @@ def need(name: str, where: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
-        package = name.partition(".")[0]
-        raise ConfigError(f"{where}: is read by {name}: pip install {package} ({error})") from error
+        top = name.partition(".")[0]
+        raise ConfigError(f"{where}: is read by {name}: pip install {top} ({error})") from error
