@@ -1,4 +1,4 @@
-"""Files that share a part of their names: tables and pictures of one take."""
+"""Files with a common part in their names: tables and pictures of one take."""
 
 from collections.abc import Sequence
 from pathlib import Path

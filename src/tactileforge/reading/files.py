@@ -38,7 +38,7 @@ _ENDINGS = {".jpeg": ".jpg", ".tiff": ".tif"}
 
 
 class DamagedFileError(DataError):
-    """Unusable existing file of a single touch, which is skipped; others are read."""
+    """Unusable existing file of a single touch, to be skipped; others are read."""
 
 
 def read_text(path: Path) -> str:

@@ -198,7 +198,7 @@ class FrameTables:
     def _of_recording(
         self, table: FrameTable, path: Path, paths: Sequence[Path]
     ) -> list[Row] | None:
-        """Rows of the recording in a table that names it; None for other tables."""
+        """Rows of the recording in a table with its name; None for other tables."""
         if not table.key or not (table.frame or table.time):
             return None
         is_film = self.layout.each == "video"

@@ -52,7 +52,7 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
 
 
 def nanoseconds_beside(column: str, rows: Sequence[Cells]) -> str:
-    """Column of nanoseconds behind that of seconds since 1970, both with numbers for names.
+    """Column of nanoseconds behind seconds since 1970, both with numbers for names.
 
     Args:
         column: Column of the seconds.

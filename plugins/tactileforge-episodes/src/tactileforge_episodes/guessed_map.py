@@ -144,7 +144,7 @@ def _texts(found: FoundArrays, rows: int) -> dict[str, Any]:
 def _said(
     found: FoundArrays, rows: int, words: AbstractSet[str], attributes: Sequence[str]
 ) -> dict[str, Any]:
-    """Where a text of an episode is read: an array of texts, or an attribute; {} for none."""
+    """Place of a text of an episode: an array of texts, or an attribute; {} for none."""
     for look in found.looks.values():
         is_text = look.facts.dtype.kind in "SUO" and look.key not in found.pictures
         if is_text and look.has(words) and look.facts.shape in ((), (1,), (rows,)):

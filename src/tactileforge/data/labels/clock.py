@@ -94,7 +94,7 @@ def clock_number(cell: str) -> Decimal:
 
 
 def _midnight(date: re.Match[str]) -> int:
-    """Seconds since 1970 at the start of a day, whose month is first before a.m. and p.m."""
+    """Seconds since 1970 at the start of a day, its month first before a.m. and p.m."""
     first, second = int(date[1]), int(date[3])
     is_american = date[2] != "." and date[5][-1] in "mM."
     if date[2] != "." and not is_american and max(first, second) <= 12 and first != second:

@@ -309,7 +309,7 @@ def numbers(family: Family, column: str) -> NDArray[np.float64]:
 
 
 def looks_of(family: Family) -> str:
-    """What the columns of a table without names hold: the range of each, or its first word."""
+    """Content of the columns of a table without names: the range of each, or its first word."""
     said = []
     for name, cell in family.rows[0].items():
         values = numbers(family, name)

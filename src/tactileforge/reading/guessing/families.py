@@ -213,11 +213,10 @@ class _Places:
                 self._part.setdefault((parts[:-1], prefix), ("{prefix}", parts))
             self._exact.setdefault((parts[:-1], stem), parts)
             self._prefix.setdefault((parts[:-1], prefix), parts)
-            for depth in range(len(parts) - 1):
-                self._mirror.setdefault((parts[:depth], parts[depth + 1 : -1], stem), parts)
             for depth in range(len(parts)):
                 self._near.setdefault((parts[:depth], stem), parts)
             for depth in range(len(parts) - 1):
+                self._mirror.setdefault((parts[:depth], parts[depth + 1 : -1], stem), parts)
                 self._alike.setdefault((parts[:depth], parts[-2], stem), parts)
             for place, name in ((parts, stem), (parts[:-1], "".join(parts[-2:-1]))):
                 for depth in range(len(place)):
@@ -316,7 +315,7 @@ class _Places:
 
 
 def _common(folders: Sequence[Parts]) -> Sequence[str]:
-    """The first parts that all of some folders share."""
+    """The first parts common to some folders."""
     levels = zip(*folders, strict=False)
     return [level[0] for level in takewhile(lambda level: len({*level}) == 1, levels)]
 

@@ -140,7 +140,7 @@ def _follow_each_other(images: Sequence[Path], white: float | None) -> bool:
 
 
 def _change_ratio(pictures: Mapping[int, NDArray[Any]], starts: Sequence[int]) -> float:
-    """Change from a picture to the next, as a share of that between distant ones."""
+    """Change between neighbouring pictures, as a share of the change between distant ones."""
 
     def change(first: int, second: int) -> float:
         one, other = (pictures[row].astype(np.float32) for row in (first, second))

@@ -174,7 +174,7 @@ def guess_shared(
 
 
 def _sensor_column(family: Family) -> str | None:
-    """Column of the type of the sensor: that of the side of a family first."""
+    """Column of the type of the sensor, first for the side of a family."""
     side = re.escape(family.side)
     own = re.compile(rf"sensors?[._]{side}(?:[._](?:type|model|name))?|{side}[._]sensor")
     return (family.column(own) if side else None) or family.column(SENSOR)

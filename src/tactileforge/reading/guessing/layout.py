@@ -111,7 +111,7 @@ def _are_data(pictures: Sequence[Path], films: Sequence[Path], files: Sequence[P
 def _films_left_out(
     root: Path, films: Sequence[Path], files: Sequence[Path], sensor: str
 ) -> list[str]:
-    """Line about films that are not read, with the key for these in place of images."""
+    """Line about unread films, with the key to read them in place of images."""
     if not films:
         return []
     first, more = films[0].relative_to(root).as_posix(), len(films) - 1

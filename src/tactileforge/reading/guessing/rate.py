@@ -116,7 +116,7 @@ def guess_rate(part: Part, family: Family, force: Mapping[str, Any]) -> None:
 
 
 def _rate_of(film: Path) -> float:
-    """Frames a second that a film says; 0 for a stack of pictures."""
+    """Frames a second of a film by its file; 0 for a stack of pictures."""
     frames = open_media(film)
     times = frames.times if isinstance(frames, VideoFrames) else np.zeros(1)
     return (len(times) - 1) / float(times[-1] - times[0]) if len(times) > 1 else 0.0

@@ -421,7 +421,7 @@ def _clock(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | 
 
 
 def _clock_apart(family: Family, units: Units, doubts: list[str]) -> dict[str, Any] | None:
-    """Keys of a table whose rows name recordings; None if they tell no frame or time."""
+    """Keys of a table with names of recordings in its rows; None if they tell no frame or time."""
     key, names = str(family.apart), recordings(units, family)
     told = recordings_of([row[key] for row in family.rows], names)
     own = [row for row in family.rows if names[0] in told.get(row[key], ())]
