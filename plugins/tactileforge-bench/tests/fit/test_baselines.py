@@ -115,14 +115,18 @@ def test_imagenet_sees_the_change_from_the_background_alone() -> None:
     with torch.no_grad():
         tokens, vector = encoder(frames, background, torch.zeros(2))
         same, _ = encoder(still, background, torch.zeros(2))
-        maps = encoder.tower.maps(
-            127.5 + DIFFERENCE_GAIN * (frames[:, -1].float() - background.float())
+        maps, first = (
+            encoder.tower.maps(127.5 + DIFFERENCE_GAIN * (one.float() - background.float()))
+            for one in (frames[:, -1], frames[:, 0])
         )
-    assert tokens.shape == (2, 64, 472)
+    assert tokens.shape == (2, 128, 472)
     assert vector.shape == (2, 1280)
     torch.testing.assert_close(same[0], same[1])
-    # the token of row 2 and column 5
-    token = tokens[1, 2 * 8 + 5]
+    expected = torch.stack([encoder.tower.vector(one) for one in (first, maps)]).mean(0)
+    torch.testing.assert_close(vector, expected)
+    torch.testing.assert_close(tokens[0, 0, 40:152], first[1][0, :, 0, 0])
+    # the token of the last frame, of row 2 and column 5
+    token = tokens[1, 64 + 2 * 8 + 5]
     torch.testing.assert_close(token[40:152], maps[1][1, :, 2, 5])
     torch.testing.assert_close(token[:40], maps[0][1, :, 4:6, 10:12].mean((1, 2)))
     torch.testing.assert_close(token[152:], maps[2][1, :, 1, 2])
