@@ -85,7 +85,8 @@ def _pixels(cut: Array) -> Array:
     return np.ascontiguousarray((away / deviation).transpose(0, 3, 1, 2), np.float32)
 
 
-def _perceptron(inputs: int) -> nn.Module:
+def perceptron(inputs: int) -> nn.Module:
+    """A network with one hidden layer of 32, for numbers."""
     return nn.Sequential(nn.Linear(inputs, 32), nn.ReLU(), nn.Linear(32, 1))
 
 
@@ -99,8 +100,8 @@ def _convolutions(inputs: int) -> nn.Module:
 
 #: Inputs of each classifier, and its network.
 VIEWS: dict[str, tuple[Callable[[Array], Array], Callable[[int], nn.Module]]] = {
-    "colour": (patch_colours, _perceptron),
-    "spectrum": (patch_spectra, _perceptron),
+    "colour": (patch_colours, perceptron),
+    "spectrum": (patch_spectra, perceptron),
     "pixels": (_pixels, _convolutions),
 }
 
@@ -128,7 +129,7 @@ def told_apart(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         net = network(x.shape[1])
-        _fit(net, x, y, steps)
+        fit(net, x, y, steps)
     with torch.no_grad():
         seen, scores = net(x)[:, 0], net(other)[:, 0]
     right = float(((scores > 0) == (truth > 0)).float().mean())
@@ -143,12 +144,12 @@ def _labelled(split: PatchSplit, shown: Callable[[Array], Array]) -> tuple[Tenso
     return torch.from_numpy(inputs), labels
 
 
-def _fit(net: nn.Module, x: Tensor, y: Tensor, steps: int) -> None:
+def fit(net: nn.Module, x: Tensor, y: Tensor, steps: int, size: int = _BATCH) -> None:
     """Trains by AdamW with a cosine schedule; mirrors patches, as lights differ between units."""
     optimiser = torch.optim.AdamW(net.parameters(), _RATE, weight_decay=_DECAY)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
     for step in range(steps):
-        rows = torch.randint(len(x), (_BATCH,))
+        rows = torch.randint(len(x), (size,))
         batch = x[rows]
         if batch.ndim == 4:
             batch = batch.flip([axis for axis in (2, 3) if step >> (axis - 2) & 1])

@@ -61,18 +61,34 @@ def response(recording: Recording) -> Response | None:
     Raises:
         DataError: A frame cannot be decoded.
     """
+    read = _read(recording)
+    return None if read is None or len(read[0]) < _LEAST else fitted(*read)
+
+
+def whole_shear(recording: Recording) -> tuple[float, float] | None:
+    """`shear_everywhere` of a trial; None without force or without background.
+
+    Raises:
+        DataError: A frame cannot be decoded.
+    """
+    read = _read(recording)
+    return None if read is None else shear_everywhere(*read)
+
+
+def _read(recording: Recording) -> tuple[Array, Array] | None:
+    """Changes of a trial's frames at half size, and their forces; None for no force."""
     if recording.force is None or recording.no_contact is None:
         return None
     known = np.flatnonzero(np.isfinite(recording.force).all(axis=1))
     known = known[evenly(len(known), _FRAMES)] if len(known) else known
     force = recording.force[known].astype(np.float64)
-    if len(known) < _LEAST or force[:, 2].max() <= 0:
+    if not len(known) or force[:, 2].max() <= 0:
         return None
     still = recording.no_contact.read(range(min(len(recording.no_contact), 15)))
     background = measures.sized(np.median(still, axis=0))
     frames = recording.frames.read(known.tolist())
     changes = np.stack([_half(measures.sized(frame) - background) for frame in frames])
-    return fitted(changes, force)
+    return changes, force
 
 
 def _half(change: Array) -> Array:

@@ -16,7 +16,16 @@ from tactileforge_sim.scene import draw_scene
 _LARGEST = 0.17
 _EDGED = ("one_quarter_cylindrical", "square_prism")
 #: Rows that change the object or the gel; those of camera and background have tests of their own.
-_SURFACE = ("softness", "roughness", "print_lines", "stiffness", "contrast")
+_SURFACE = (
+    "softness",
+    "roughness",
+    "grain",
+    "worn",
+    "warp",
+    "print_lines",
+    "stiffness",
+    "contrast",
+)
 
 
 def _change(name: str, rows: list[str] | str, seed: int) -> NDArray[np.float32]:
@@ -32,7 +41,7 @@ def _change(name: str, rows: list[str] | str, seed: int) -> NDArray[np.float32]:
 
 @pytest.mark.parametrize("row", _SURFACE)
 def test_no_row_draws_lines_or_grain_finer_than_real_ones(row: str) -> None:
-    of = "gelsight_mini" if TABLE[row].scope == "unit" else ""
+    of = "" if TABLE[row].scope == "scene" else "gelsight_mini"
     seeds = [s for s in range(60) if RandomDraw([row], s, of)[row] != TABLE[row].neutral]
     # The strongest of some draws: of a soft object the yield is then a millimeter and more.
     seed = max(seeds[:20], key=lambda s: RandomDraw([row], s, of)[row])

@@ -18,6 +18,7 @@ def test_choices() -> None:
     assert randomised_rows("none") == frozenset()
     assert randomised_rows("all") == frozenset(TABLE)
     assert randomised_rows("unit") < randomised_rows("all")
+    assert not any(TABLE[name].scope == "look" for name in randomised_rows("unit"))
     assert randomised_rows(["contrast", "sway"]) == {"contrast", "sway"}
     with pytest.raises(ConfigError, match="did you mean 'contrast'"):
         randomised_rows("contrst")
@@ -77,9 +78,9 @@ def test_real_digits_are_as_bright_as_each_other() -> None:
 @pytest.mark.parametrize("name", sorted(CHOICES["all"]))
 def test_every_row_changes_what_is_seen_or_felt(name: str) -> None:
     """A touch on a marker gel, with the row of a seed at a value other than neutral."""
-    only = name == "specimen" or (set(TABLE[name].sensors) == {"digit"} and not TABLE[name].high)
-    sensor = "digit" if only or name == "shadow" else "gelsight_mini"
-    of = sensor if TABLE[name].scope == "unit" else ""
+    only = set(TABLE[name].sensors) == {"digit"} and TABLE[name].low == TABLE[name].high
+    sensor = "digit" if only or name == "specimen" else "gelsight_mini"
+    of = "" if TABLE[name].scope == "scene" else sensor
     seed = next(s for s in range(50) if TABLE[name].draw(s, of) != TABLE[name].neutral)
     seen = []
     for choice in ("none", [name]):

@@ -100,6 +100,12 @@ class OpticalCalibration:
         coarse[3 * len(BLURS) :] *= darker
         return replace(self, coarse=coarse)
 
+    def scattered(self, share: float) -> OpticalCalibration:
+        """The calibration of a sensor with ``share`` of the light that scatters in its gel."""
+        coarse = self.coarse.clone()
+        coarse[: 3 * len(BLURS)] *= share
+        return replace(self, coarse=coarse)
+
     def coloured(self, mixing: Tensor) -> OpticalCalibration:
         """The calibration of a sensor with other colours: channels are mixed by a matrix (3, 3)."""
         return replace(self, fine=self.fine @ mixing.T, coarse=self.coarse @ mixing.T)

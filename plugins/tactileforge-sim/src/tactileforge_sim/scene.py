@@ -13,8 +13,8 @@ from tactileforge_depth.gel import Gel
 
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.specs import SIMULATED, simulation, spec
-from tactileforge_sim.geometry.heightfields import rough
-from tactileforge_sim.geometry.indenter_geometry import DEEP, printed
+from tactileforge_sim.geometry.heightfields import covered, rough, warped, worn
+from tactileforge_sim.geometry.indenter_geometry import printed
 from tactileforge_sim.geometry.shapes import Shape
 from tactileforge_sim.mechanics.motions import CLEAR, MOTIONS, Path, Speeds, Sway
 from tactileforge_sim.mechanics.sensor_gels import FPS
@@ -31,6 +31,8 @@ _DEPTHS = (0.05, 0.1, 0.2, 0.35, 0.55, 0.8, 1.1, 1.5)
 _WAVES, _HERTZ, _SWAY = 4, (0.4, 4.0), (0.25, 0.25, 0.02, 0.5, 0.015, 0.015)
 #: Depth of printed lines over their distance.
 _PRINT = 0.02
+#: How much finer the waves of grain are than those of roughness.
+_FINER = 2.5
 #: Radii (mm) of curvature of the published gels and of their most domed units; None is flat. They
 #: include the most domed gel of any sensor, `sensor_gels.MOST_DOMED`.
 _DOMES = (
@@ -162,16 +164,24 @@ def draw_scene(
 
 
 def _finished(shape: Shape, row: RandomDraw) -> Shape:
-    """A shape with the printed lines and the grain of a scene, if it has any."""
-    if distance := row["print_lines"]:
+    """A shape with the wear, the printed lines and the grain of a scene, if it has any."""
+    if radius := row["worn"]:
+        shape = replace(shape, height=worn(shape.height, radius))
+    if deviation := row["warp"]:
+        seed = int(row.rng("warp").integers(1 << 31))
+        height, across = warped(shape.height, deviation, seed), shape.radius + 2 * deviation
+        shape = replace(shape, height=height, radius=across, round=False)
+    # Only what was printed has lines: indenters, and no everyday surface.
+    if (distance := row["print_lines"]) and shape.index is not None:
         angle = row.rng("print_lines").uniform(0, 180)
         shape = printed(shape, distance, _PRINT * distance, angle)
-    if not (deviation := row["roughness"]):
-        return shape
-    smooth, grain = shape.height, rough(deviation, int(row.rng("roughness").integers(1 << 31)))
-    return replace(
-        shape, height=lambda x, y: np.minimum(smooth(x, y) + grain(x, y), DEEP), round=False
-    )
+    for name, finer in (("roughness", 1.0), ("grain", _FINER)):
+        if deviation := row[name]:
+            seed = int(row.rng(name).integers(1 << 31))
+            shape = replace(
+                shape, height=covered(shape.height, rough(deviation, seed), finer), round=False
+            )
+    return shape
 
 
 def _depth(

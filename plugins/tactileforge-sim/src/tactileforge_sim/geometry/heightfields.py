@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tactileforge_sim.geometry.indenter_geometry import Height, extrude, rod
+from tactileforge_sim.geometry.indenter_geometry import DEEP, Height, extrude, rod
 from tactileforge_sim.geometry.sdf2d import SDF, Array, box, ellipse, minus
 
 #: Column, row of a crossing -> whether the upright yarn is on top.
@@ -193,6 +193,35 @@ def rough(deviation: float, seed: int) -> Height:
     turns = 2 * np.pi * np.stack([np.cos(angle), np.sin(angle)]) / length
     total = _cosines(size, turns[0], turns[1], phase)
     return lambda x, y: np.asarray(np.maximum(total(x, y) + 3 * deviation, 0))
+
+
+def covered(height: Height, relief: Height, finer: float = 1.0) -> Height:
+    """A height with a relief on it, its waves ``finer`` times as short."""
+    return lambda x, y: np.minimum(height(x, y) + relief(finer * x, finer * y), DEEP)
+
+
+def worn(height: Height, radius: float) -> Height:
+    """A height with edges worn over a radius, mm: the mean of five places."""
+    steps = radius * np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
+    return lambda x, y: np.asarray(np.mean([height(x + a, y + b) for a, b in steps], axis=0))
+
+
+def warped(height: Height, deviation: float, seed: int) -> Height:
+    """A height with its places displaced by waves of 2 to 16 mm along x and y.
+
+    Args:
+        height: Any height.
+        deviation: Standard deviation of the displacement along each axis, mm.
+        seed: Seed of the waves.
+    """
+    right, down = (rough(deviation, seed + axis) for axis in (0, 1))
+    middle = 3 * deviation
+
+    def moved(x: Array, y: Array) -> Array:
+        u, v = x / 4, y / 4
+        return height(x + right(u, v) - middle, y + down(u, v) - middle)
+
+    return moved
 
 
 def grain(period: float, depth: float, seed: int) -> Height:

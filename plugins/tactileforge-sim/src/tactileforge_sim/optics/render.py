@@ -12,6 +12,7 @@ import torch
 from tactileforge_depth.features import Coarse, fine, normals, places
 from tactileforge_depth.lighting import DEGREE
 from torch import Tensor
+from torch.nn import functional as F
 
 from tactileforge.errors import ConfigError
 from tactileforge_sim.optics.camera import FULL, Lens
@@ -62,6 +63,10 @@ class Optics:
         self._background = unit.background.to(device)
         # The lens is linear: it blurs what never changes once, and then only changes.
         self._still = self.lens(self._background[None])
+        self._seen = None if unit.seen is None else unit.seen.to(device)
+        self._specks = None
+        if unit.specks is not None:
+            self._specks = F.avg_pool2d(unit.specks, shrink).to(device)
         seed = torch.Generator().manual_seed(unit.seed)
         height, width = self.shown = height // shrink, width // shrink
         bank = torch.randn(3, height + _MARGIN, width + _MARGIN, generator=seed)
@@ -101,6 +106,8 @@ class Optics:
             number = None if first is None else first + start
             moved = None if motion is None else motion[part]
             light = self._light(dent[part], moved)
+            if self._specks is not None:
+                light += self._specks
             if drift is not None:
                 light += drift[part, :, None, None]
             film = self._film(light, number)
@@ -128,6 +135,9 @@ class Optics:
 
     def _change(self, dent: Tensor) -> Tensor:
         """Change of the light by dents, grey levels (B, 3, H, W)."""
+        depth = dent
+        if self.unit.slope != 1:
+            dent = dent / self.unit.slope
         coarse = self._coarse(dent).clamp(-self._limits, self._limits)
         smooth = coarse[:, :1] * self._smooth[0]
         for number, weight in enumerate(self._smooth[1:], 1):
@@ -143,9 +153,11 @@ class Optics:
                 flat[..., part].addcmul_(feature[:, None], weight[:, part])
         if any(self.unit.face):
             # Flat against an object, the coating shows it: fully from a few tenths of a mm on.
-            pressed = (dent / _PRESSED).clamp_(0, 1)
+            pressed = (depth / _PRESSED).clamp_(0, 1)
             for channel, change in enumerate(self.unit.face):
                 out[:, channel].add_(pressed, alpha=change)
+        if self._seen is not None:
+            out *= self._seen
         return out
 
     def _film(self, light: Tensor, first: int | None) -> Tensor:

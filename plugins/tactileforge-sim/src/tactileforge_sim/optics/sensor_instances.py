@@ -19,10 +19,24 @@ from torch import Tensor
 from tactileforge.contracts import Simulation
 from tactileforge.errors import ConfigError, unknown
 from tactileforge.specs import SIMULATED, pixel_spacing, simulation, spec
-from tactileforge_sim.optics.camera import CameraModel
+from tactileforge_sim.optics.border import border
+from tactileforge_sim.optics.camera import FULL, CameraModel
 from tactileforge_sim.optics.markers import Markers, coverage, print_markers
 from tactileforge_sim.optics.stray_light import stray_light
 from tactileforge_sim.randomise.draw import Choice, RandomDraw
+
+#: Sides of the red, green and blue light of a DIGIT with streaks, rad, clockwise from the right;
+#: part of `cones` that its cones have, and their least light, grey levels.
+_SIDES = (math.radians(185), math.radians(-10), math.radians(90))
+_STREAKED = (0.7, 40.0)
+#: Power of `slope` by which the picture changes more.
+_FULLER = 0.6
+#: Parts of the R, G and B of `dim` that pressed coating loses.
+_LOST = (0.1, 1.0, 1.0)
+#: Least and largest mean R, G and B of the backgrounds of real Minis.
+_LEVELS = ((49.0, 94.0, 97.0), (83.0, 124.0, 126.0))
+#: Share of specks that are dark, and their light and that of the brightest, grey levels.
+_DARK, _SPECK = 0.4, (-25.0, 90.0)
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,9 @@ class SensorInstance:
         noise: Standard deviation of the camera's noise, grey levels.
         markers: Markers of its gel; None without.
         face: Change of R, G, B where the coating is pressed deep, grey levels.
+        slope: Slope of the gel for the same colour, over the calibration's.
+        seen: float32 (H, W), share of the light that passes a frame; None without a frame.
+        specks: float32 (3, H, W), sharp specks, grey levels; None without.
         camera: Focus, exposure, tone curve, distortion and codec.
     """
 
@@ -49,6 +66,9 @@ class SensorInstance:
     noise: float
     markers: Markers | None = None
     face: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    slope: float = 1.0
+    seen: Tensor | None = None
+    specks: Tensor | None = None
     camera: CameraModel = field(default_factory=CameraModel)
 
 
@@ -84,11 +104,28 @@ def draw_instance(
     still = polynomial_background(torch.einsum("n,nqc->qc", shares, how.backgrounds), height, width)
     still = torch.einsum("dc,chw->dhw", mixing, still) * _gradient(height, width, row)
     still = still + _clouds(style.clouds, height, width, row)
-    if how.lights and (row["cones"] or row["hot_spots"]):
-        chance = _chance(row, "stray light")
-        still += stray_light((height, width), how.lights, row["cones"], row["hot_spots"], chance)
-    still = _levelled(still, style, row) + _worn(style, height, width, scale, row)
+    cones, streaks, lights = row["cones"], row["streaks"], how.lights
+    if streaks:
+        # a calibration's lights are those of its shadows; real cones lie where its background is
+        # bright in their colour
+        cones, lights = max(_STREAKED[0] * cones, _STREAKED[1]), _SIDES
+    if lights and (cones or row["hot_spots"]):
+        chance, spots = _chance(row, "stray light"), row["hot_spots"]
+        still += stray_light((height, width), lights, cones, spots, chance, streaks)
+    still = still - row["haze"] * still.amin(0).clamp(min=0)
+    still = _levelled(still, style, row)
+    if row["balance"]:
+        still, gains = _balance(still, row)
+        mixing = gains * mixing
+    still = still + _worn(style, height, width, scale, row)
+    seen = None
+    if row["frame"] or row["glow"]:
+        seen, glow = border(
+            (height, width), row["frame"], row["glow"], _chance(row, "frame"), _chance(row, "glow")
+        )
+        still = seen * still + glow
     has_markers = style.markers if markers is None else markers
+    lost = row["dim"] * torch.tensor(_LOST)
     return SensorInstance(
         sensor=sensor,
         seed=seed,
@@ -98,7 +135,10 @@ def draw_instance(
         spacing=scale,
         noise=how.noise * row["noise"],
         markers=_markers(sensor, style, row) if has_markers else None,
-        face=tuple((row["face"] * _randn(row, "face", 3).clamp(-2, 2)).tolist()),
+        face=tuple((row["face"] * _randn(row, "face", 3).clamp(-2, 2) - lost).tolist()),
+        slope=row["slope"],
+        seen=seen,
+        specks=_specks(height, width, row) if row["specks"] else None,
         camera=CameraModel(**{name: row[name] for name in CameraModel.__dataclass_fields__}),
     )
 
@@ -139,7 +179,9 @@ def _calibration(style: Simulation, row: RandomDraw) -> OpticalCalibration:
         how = lighting.load_optics(style.calibrations[which])
     angles = row["light_turn"] * row.rng("light_turn").uniform(-1, 1, 3)
     how = how.turned(angles.tolist())
-    return how.contrasted(row["contrast"]).shadowed(row["shadow"])
+    # gentler slopes of a stronger picture: its colours are fuller at edges, and less far from them
+    gain = row["contrast"] * row["vivid"] * row["slope"] ** _FULLER
+    return how.scattered(row["halo"]).contrasted(gain).shadowed(row["shadow"])
 
 
 def _mixing(row: RandomDraw) -> Tensor:
@@ -163,6 +205,36 @@ def _levelled(still: Tensor, style: Simulation, row: RandomDraw) -> Tensor:
         return still
     wanted = torch.tensor(style.level) + 4 * row["specimen"] * _randn(row, "level", 3)
     return still * (wanted / still.mean((1, 2)))[:, None, None]
+
+
+def _balance(still: Tensor, row: RandomDraw) -> tuple[Tensor, Tensor]:
+    """Background near real mean levels, (3, H, W), and gains of its channels, (3, 1)."""
+    low, high = torch.tensor(_LEVELS)[..., None, None]
+    share = row["balance"]
+    wanted = low + (high - low) * torch.from_numpy(row.rng("balance").random((3, 1, 1))).float()
+    mean = still.mean((1, 2), keepdim=True).clamp(min=1)
+    # half by the colour of the lights, half by an even light
+    gains = (wanted / mean) ** (share / 2)
+    level = gains * mean + share * (wanted - gains * mean)
+    return gains * (still - mean) + level, gains.flatten(1)
+
+
+def _specks(height: int, width: int, row: RandomDraw) -> Tensor:
+    """Bright specks of one colour and dark ones of all, grey levels, (3, H, W)."""
+    chance = _chance(row, "specks")
+    out = torch.zeros(3, height, width)
+    for _ in range(round(row["specks"])):
+        place, size, bright, colour = (torch.rand(n, generator=chance) for n in (2, 1, 1, 3))
+        centre = (place * torch.tensor([width, height]))[None, None]
+        # one to three pixels of a full picture
+        radius = (0.4 + 1.1 * size**2) * min(height, width) / FULL
+        disc = coverage(centre, radius, height, width)[0]
+        light = torch.full((3,), _SPECK[0])
+        if bright > _DARK:
+            strength = _SPECK[1] * (bright - _DARK) / (1 - _DARK)
+            light = strength * torch.where(colour > colour.amax() - 0.3, 1.0, 0.2)
+        out += light[:, None, None] * disc
+    return out
 
 
 def _clouds(strength: float, height: int, width: int, row: RandomDraw) -> Tensor:

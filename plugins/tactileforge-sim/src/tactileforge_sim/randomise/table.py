@@ -2,8 +2,8 @@
 
 A row of `TABLE` holds one randomised quantity, its range, and the source of the range.
 `randomise=none|unit|all` chooses rows by their scope; any rows can be chosen by name. A row not
-chosen has its neutral value. Each row is drawn from a generator of its own: choosing one more does
-not change the others.
+chosen has its neutral value. Rows of looks also differ between units, but only ``all`` has them.
+Each row is drawn from a generator of its own: choosing one more does not change the others.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ import numpy as np
 
 _CHOSEN = "our choice"
 _REAL = "backgrounds and touches of the public samples"
+_BORDERS = "borders of pictures of three real Minis"
+_SHEARED = "change of the whole picture by shear, real and simulated"
+_OBJECTS = "everyday objects of the public samples, by eye"
 _DIGITS = "touches of four real DIGITs of the public samples, by eye"
 
 
@@ -26,7 +29,7 @@ class RandomisedQuantity:
 
     Attributes:
         name: Name in options.
-        scope: ``unit`` for one draw per unit of a sensor, ``scene`` for one per scene.
+        scope: ``unit`` and ``look`` for one draw per unit of a sensor, ``scene`` for one per scene.
         what: Description, with its unit.
         low: Lowest value.
         high: Highest value.
@@ -38,7 +41,7 @@ class RandomisedQuantity:
     """
 
     name: str
-    scope: Literal["unit", "scene"]
+    scope: Literal["unit", "look", "scene"]
     what: str
     low: float
     high: float
@@ -69,6 +72,11 @@ def _unit(
     name: str, what: str, low: float, high: float, neutral: float, **more: Any
 ) -> RandomisedQuantity:
     return RandomisedQuantity(name, "unit", what, low, high, neutral, **more)
+
+
+def _look(name: str, what: str, neutral: float, source: str, **more: Any) -> RandomisedQuantity:
+    """A row of the sensors that are named, neutral on all others."""
+    return RandomisedQuantity(name, "look", what, neutral, neutral, neutral, source, **more)
 
 
 def _scene(
@@ -258,6 +266,80 @@ TABLE: dict[str, RandomisedQuantity] = {
             0.0,
             source=_REAL,
         ),
+        # the looks of a unit
+        _look(
+            "frame",
+            "darkness of a rounded frame around the gel, as a share of the light",
+            0.0,
+            _BORDERS,
+            share=0.5,
+            sensors={"gelsight_mini": (0.3, 0.9)},
+        ),
+        _look(
+            "glow",
+            "light of a lamp at a side of the gel, grey levels",
+            0.0,
+            _BORDERS,
+            share=0.5,
+            sensors={"gelsight_mini": (5.0, 70.0)},
+        ),
+        _look(
+            "balance",
+            "share of the way from a unit's mean colour to that of real ones",
+            0.0,
+            "mean R, G, B of six real Minis: 49 to 83, 94 to 124, 97 to 126",
+            sensors={"gelsight_mini": (0.6, 1.0)},
+        ),
+        _look(
+            "slope",
+            "slope of the gel for the same colour, over the calibrated unit's",
+            1.0,
+            _SHEARED,
+            log=True,
+            sensors={"gelsight_mini": (1.0, 4.0), "digit": (1.0, 2.5)},
+        ),
+        _look(
+            "halo",
+            "scattered light of a dent, over the calibrated unit's",
+            1.0,
+            _SHEARED,
+            sensors={"gelsight_mini": (0.0, 0.4), "digit": (0.1, 0.6)},
+        ),
+        _look(
+            "vivid",
+            "change of the picture for the same dent, over that of contrast",
+            1.0,
+            "in-contact change, real and simulated: DIGITs 15 to 37 grey levels and 11",
+            sensors={"digit": (1.2, 2.4), "gelsight_mini": (0.45, 0.9)},
+        ),
+        _look(
+            "dim",
+            "light that the coating loses where it is pressed flat, grey levels",
+            0.0,
+            "mean change of real DIGITs' pictures: negative in green and blue",
+            sensors={"digit": (0.0, 25.0)},
+        ),
+        _look(
+            "haze",
+            "share of the light common to all colours that is missing",
+            0.0,
+            _DIGITS,
+            sensors={"digit": (0.0, 0.3)},
+        ),
+        _look(
+            "streaks",
+            "streaks in the cones and light of their arcs, over that of the cones",
+            0.0,
+            _DIGITS,
+            sensors={"digit": (0.1, 0.6)},
+        ),
+        _look(
+            "specks",
+            "number of bright and dark specks, sharp whatever the focus",
+            0.0,
+            _DIGITS,
+            sensors={"digit": (0.0, 8.0), "gelsight_mini": (0.0, 5.0)},
+        ),
         # the moment
         _scene(
             "drift",
@@ -306,6 +388,35 @@ TABLE: dict[str, RandomisedQuantity] = {
             0.0,
             share=0.5,
             source="printed punches of ToucHD's demonstrations: about 0.8 mm",
+        ),
+        _scene(
+            "worn",
+            "radius over which an object's edges are worn, mm",
+            0.03,
+            0.25,
+            0.0,
+            share=0.6,
+            source=_OBJECTS,
+        ),
+        _scene(
+            "warp",
+            "deviation of an object's outlines from their nominal places, mm",
+            0.02,
+            0.3,
+            0.0,
+            log=True,
+            share=0.5,
+            source=_OBJECTS,
+        ),
+        _scene(
+            "grain",
+            "standard deviation of the heights of a grained object, mm; waves of 0.2 to 1.6 mm",
+            0.002,
+            0.02,
+            0.0,
+            log=True,
+            share=0.6,
+            source=_OBJECTS,
         ),
         _scene(
             "softness",
