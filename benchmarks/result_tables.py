@@ -6,7 +6,7 @@ Run: python result_tables.py
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 from textwrap import TextWrapper
@@ -67,29 +67,7 @@ def growth_table(result: Mapping[str, Any]) -> str:
     return "\n".join([*lines, *([""] if notes else []), *filled]) + "\n"
 
 
-def instead_table(found: Mapping[str, Any]) -> str:
-    """Outcomes for sets with a replaced file, by reader."""
-    lines = [
-        "| reader of | files replaced | times | said | same | silent | traceback, hang, 500 MB |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, row in found.items():
-        cells = [
-            name,
-            ", ".join(row["files"]),
-            str(row["mutants"]),
-            *(str(row[key]) for key in ("named", "equal", "silent")),
-            str(row["traceback"] + row["hang"] + row["memory"]),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    keys = ("mutants", "named", "equal", "silent")
-    sums = [str(sum(row[key] for row in found.values())) for key in keys]
-    bad = sum(row[key] for row in found.values() for key in ("traceback", "hang", "memory"))
-    lines.append(f"| all {len(found)} | | {' | '.join(sums)} | {bad} |")
-    return "\n".join(lines) + "\n"
-
-
-#: Formats by the readers of their files, for the table of mutants.
+#: Formats by the readers of their files.
 FORMATS: dict[str, tuple[str, ...]] = {
     "zarr 2 and 3, also in a zip": (
         "zarr 2", "zarr 3", "zarr in a zip", "reactive_diffusion", "touch_in_the_wild", "manifeel",
@@ -116,10 +94,41 @@ _PICTURES = "pictures, tables and other files"
 
 
 def format_of(name: str) -> str:
-    """Format of a reader, for the table of mutants."""
+    """Format of a reader."""
     if name.startswith("forces in"):
         return _TABLES_BESIDE
     return next((one for one, names in FORMATS.items() if name in names), _PICTURES)
+
+
+def instead_table(found: Mapping[str, Any]) -> str:
+    """Outcomes for sets with a replaced file, by format."""
+    lines = [
+        "| format | readers | times | said | same | silent | traceback, hang, 500 MB |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [_instead_row(name, held) for name, held in _by_format(found)]
+    lines.append(_instead_row("all", [*found.values()]))
+    return "\n".join(lines) + "\n"
+
+
+def _instead_row(name: str, rows: list[Any]) -> str:
+    def total(*keys: str) -> int:
+        return sum(row[key] for row in rows for key in keys)
+
+    cells = [
+        len(rows),
+        *(total(key) for key in ("mutants", "named", "equal", "silent")),
+        total("traceback", "hang", "memory"),
+    ]
+    return f"| {name} | {' | '.join(map(str, cells))} |"
+
+
+def _by_format(found: Mapping[str, Any]) -> Iterator[tuple[str, list[Any]]]:
+    """Formats and the rows of their readers, in the order of the page."""
+    order = (*FORMATS, _TABLES_BESIDE, _PICTURES)
+    rows = sorted(found.items(), key=lambda item: order.index(format_of(item[0])))
+    for name, group in groupby(rows, key=lambda item: format_of(item[0])):
+        yield name, [row for _, row in group]
 
 
 def mutants_table(found: Mapping[str, Any]) -> str:
@@ -129,10 +138,7 @@ def mutants_table(found: Mapping[str, Any]) -> str:
         "traceback, hang, 500 MB |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    order = (*FORMATS, _TABLES_BESIDE, _PICTURES)
-    rows = sorted(found.items(), key=lambda item: order.index(format_of(item[0])))
-    for name, group in groupby(rows, key=lambda item: format_of(item[0])):
-        held = [row for _, row in group]
+    for name, held in _by_format(found):
         lines.append(_mutants_row(name, "own" if held[0]["checksum"] else "none", held))
     for said, own in (("own", True), ("none", False)):
         held = [row for row in found.values() if row["checksum"] is own]
