@@ -20,6 +20,8 @@ _FILLED = TextWrapper(110, subsequent_indent="  ", break_long_words=False, break
 #: Exponent at the large end, and growth of memory from the smallest to the largest size, MB, above
 #: which a row has a note.
 LINEAR, GROWS = 1.1, 10.0
+#: Exponent at the large end below which a row is named below the table only.
+FLAT = 0.2
 #: Why a cost grows faster than linear, or memory grows, by what there is more of and the verb.
 NOTES: dict[tuple[str, str], str] = {
     ("seconds", "sim"): "memory is that of the most detailed shape so far, not of the number of "
@@ -48,7 +50,10 @@ def growth_table(result: Mapping[str, Any]) -> str:
         "| more | verb | sizes | CPU s | slope, at the large end | memory, MB |",
         "|---|---|---|---|---|---|",
     ]
+    flat = [row for row in result["rows"] if row["slope_large"] < FLAT and not needs_note(row)]
     for row in result["rows"]:
+        if row in flat:
+            continue
         cells = [
             row["grows"],
             row["verb"],
@@ -63,6 +68,12 @@ def growth_table(result: Mapping[str, Any]) -> str:
         for row in result["rows"]
         if (note := NOTES.get((row["grows"], row["verb"])))
     ]
+    said = []
+    for grows, rows in groupby(flat, key=lambda row: row["grows"]):
+        verbs = ", ".join(f"`{row['verb']}`" for row in rows)
+        said.append(f"{grows} ({verbs})")
+    if said:
+        notes.append(f"- No growth, with a slope below {FLAT} at the large end: {'; '.join(said)}.")
     filled = [line for note in notes for line in _FILLED.wrap(note)]
     return "\n".join([*lines, *([""] if notes else []), *filled]) + "\n"
 
