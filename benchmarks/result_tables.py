@@ -6,7 +6,7 @@ Run: python result_tables.py
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import groupby
 from pathlib import Path
 from textwrap import TextWrapper
@@ -20,6 +20,8 @@ _FILLED = TextWrapper(110, subsequent_indent="  ", break_long_words=False, break
 #: Exponent at the large end, and growth of memory from the smallest to the largest size, MB, above
 #: which a row has a note.
 LINEAR, GROWS = 1.1, 10.0
+#: Exponent at the large end below which a row is named below the table only.
+FLAT = 0.2
 #: Why a cost grows faster than linear, or memory grows, by what there is more of and the verb.
 NOTES: dict[tuple[str, str], str] = {
     ("seconds", "sim"): "memory is that of the most detailed shape so far, not of the number of "
@@ -48,7 +50,10 @@ def growth_table(result: Mapping[str, Any]) -> str:
         "| more | verb | sizes | CPU s | slope, at the large end | memory, MB |",
         "|---|---|---|---|---|---|",
     ]
+    flat = [row for row in result["rows"] if row["slope_large"] < FLAT and not needs_note(row)]
     for row in result["rows"]:
+        if row in flat:
+            continue
         cells = [
             row["grows"],
             row["verb"],
@@ -63,33 +68,17 @@ def growth_table(result: Mapping[str, Any]) -> str:
         for row in result["rows"]
         if (note := NOTES.get((row["grows"], row["verb"])))
     ]
+    said = []
+    for grows, rows in groupby(flat, key=lambda row: row["grows"]):
+        verbs = ", ".join(f"`{row['verb']}`" for row in rows)
+        said.append(f"{grows} ({verbs})")
+    if said:
+        notes.append(f"- No growth, with a slope below {FLAT} at the large end: {'; '.join(said)}.")
     filled = [line for note in notes for line in _FILLED.wrap(note)]
     return "\n".join([*lines, *([""] if notes else []), *filled]) + "\n"
 
 
-def instead_table(found: Mapping[str, Any]) -> str:
-    """Outcomes for sets with a replaced file, by reader."""
-    lines = [
-        "| reader of | files replaced | times | said | same | silent | traceback, hang, 500 MB |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for name, row in found.items():
-        cells = [
-            name,
-            ", ".join(row["files"]),
-            str(row["mutants"]),
-            *(str(row[key]) for key in ("named", "equal", "silent")),
-            str(row["traceback"] + row["hang"] + row["memory"]),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    keys = ("mutants", "named", "equal", "silent")
-    sums = [str(sum(row[key] for row in found.values())) for key in keys]
-    bad = sum(row[key] for row in found.values() for key in ("traceback", "hang", "memory"))
-    lines.append(f"| all {len(found)} | | {' | '.join(sums)} | {bad} |")
-    return "\n".join(lines) + "\n"
-
-
-#: Formats by the readers of their files, for the table of mutants.
+#: Formats by the readers of their files.
 FORMATS: dict[str, tuple[str, ...]] = {
     "zarr 2 and 3, also in a zip": (
         "zarr 2", "zarr 3", "zarr in a zip", "reactive_diffusion", "touch_in_the_wild", "manifeel",
@@ -116,10 +105,41 @@ _PICTURES = "pictures, tables and other files"
 
 
 def format_of(name: str) -> str:
-    """Format of a reader, for the table of mutants."""
+    """Format of a reader."""
     if name.startswith("forces in"):
         return _TABLES_BESIDE
     return next((one for one, names in FORMATS.items() if name in names), _PICTURES)
+
+
+def instead_table(found: Mapping[str, Any]) -> str:
+    """Outcomes for sets with a replaced file, by format."""
+    lines = [
+        "| format | readers | times | said | same | silent | traceback, hang, 500 MB |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [_instead_row(name, held) for name, held in _by_format(found)]
+    lines.append(_instead_row("all", [*found.values()]))
+    return "\n".join(lines) + "\n"
+
+
+def _instead_row(name: str, rows: list[Any]) -> str:
+    def total(*keys: str) -> int:
+        return sum(row[key] for row in rows for key in keys)
+
+    cells = [
+        len(rows),
+        *(total(key) for key in ("mutants", "named", "equal", "silent")),
+        total("traceback", "hang", "memory"),
+    ]
+    return f"| {name} | {' | '.join(map(str, cells))} |"
+
+
+def _by_format(found: Mapping[str, Any]) -> Iterator[tuple[str, list[Any]]]:
+    """Formats and the rows of their readers, in the order of the page."""
+    order = (*FORMATS, _TABLES_BESIDE, _PICTURES)
+    rows = sorted(found.items(), key=lambda item: order.index(format_of(item[0])))
+    for name, group in groupby(rows, key=lambda item: format_of(item[0])):
+        yield name, [row for _, row in group]
 
 
 def mutants_table(found: Mapping[str, Any]) -> str:
@@ -129,10 +149,7 @@ def mutants_table(found: Mapping[str, Any]) -> str:
         "traceback, hang, 500 MB |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    order = (*FORMATS, _TABLES_BESIDE, _PICTURES)
-    rows = sorted(found.items(), key=lambda item: order.index(format_of(item[0])))
-    for name, group in groupby(rows, key=lambda item: format_of(item[0])):
-        held = [row for _, row in group]
+    for name, held in _by_format(found):
         lines.append(_mutants_row(name, "own" if held[0]["checksum"] else "none", held))
     for said, own in (("own", True), ("none", False)):
         held = [row for row in found.values() if row["checksum"] is own]
