@@ -1,4 +1,4 @@
-"""The pictures of docs/simulator.md: all sensors and actions, force curves, response to force.
+"""The pictures of docs/simulator.md: sensors and actions, units, force curves, response to force.
 
 Run: python benchmarks/sim_pictures.py   (the last picture needs the public recordings)
 """
@@ -17,7 +17,7 @@ from PIL import Image
 from tactileforge_sim.geometry.shapes import shape
 from tactileforge_sim.mechanics.motions import MOTIONS, Speeds
 from tactileforge_sim.play import play_scenes
-from tactileforge_sim.scene import Scene, simulated_rate
+from tactileforge_sim.scene import Scene, draw_scene, simulated_rate
 
 from tactileforge.contracts import ACTIONS
 from tactileforge.data import VideoFrames
@@ -77,6 +77,26 @@ def gallery() -> None:
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
     figure.savefig(ASSETS / "sim_gallery.jpg", dpi=90)
+
+
+def looks() -> None:
+    """Draws presses on four units of two sensors each, with all randomisation: at rest, pressed."""
+    height, rows = 150, []
+    for sensor in TRIALS:
+        row = []
+        for seed, name in enumerate(("hexagonal", "cross_shaped", "leather", "screw_m6")):
+            touch = draw_scene(
+                seed, shape(name), "press", force=(3, 5), seconds=0.6, randomise="all"
+            )
+            ((pictures, force),) = films(touch, [sensor], height)
+            row += [pictures[0], pictures[int(force[:, 2].argmax())]]
+        rows.append(np.concatenate(row, 1))
+    width = min(row.shape[1] for row in rows)
+    tall = [
+        np.asarray(Image.fromarray(row).resize((width, round(len(row) * width / row.shape[1]))))
+        for row in rows
+    ]
+    Image.fromarray(np.concatenate(tall)).save(ASSETS / "sim_looks.jpg", quality=88)
 
 
 def curves() -> None:
@@ -159,6 +179,7 @@ def responses() -> dict[str, object]:
 def main() -> None:
     ASSETS.mkdir(exist_ok=True)
     gallery()
+    looks()
     curves()
     if REALDATA.is_dir():
         save("sim_response", {"what": __doc__, **responses()})
