@@ -60,7 +60,11 @@ class FoundTouches:
             )
         named = self._grouped(self.files)
         labels = match_labels(layout, self.folder, named)
-        touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
+        touches = [
+            LayoutTouch(name, paths, labels[name])
+            for name, paths in named.items()
+            if labels[name].cells or not layout.only
+        ]
         if layout.each == "sequence" and not layout.order:
             touches = [*chain(*map(self._series, touches))]
         if layout.films:

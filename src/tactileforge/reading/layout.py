@@ -88,6 +88,7 @@ class DatasetLayout:
     background: BackgroundRule | None
     labels: str | None
     key: str
+    only: bool
     words: Mapping[str, Mapping[str, str]]
     force: FrameTable | None
     action: str | FrameTable | tuple[ActionRange, ...] | None
@@ -146,6 +147,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         background=parse_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
         key=keys.labels.key,
+        only=keys.labels.only,
         words={
             # YAML has ranks as numbers, a CSV as text
             str(column): {str(rank): str(word) for rank, word in words.items()}

@@ -134,6 +134,7 @@ NOTIONS = {
     "name": "name of a track",
     "frames": "the first frame, and the one after the last",
     "margin": "frames on each side of an edge without a value",
+    "only": "whether recordings without a row of labels are left out",
     "drop": "column of 1 for frames that are left out",
     "action": "atomic action of the touch",
     "object": "name of the touched object",

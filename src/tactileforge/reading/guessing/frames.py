@@ -29,6 +29,8 @@ from tactileforge.reading.sides import SIDE_NAMES
 #: that between images in another order; and the same of means of 8 x 8 pixels. Takes of a sensor
 #: have .1 to .4, more with noise in single pixels, still touches about 1, on a grid of places .6.
 _COMPARED, _SMOOTH, _SMOOTH_AREAS = 24, 0.6, 0.4
+#: Width over height from which a picture may show two sensors.
+_WIDE = 2
 
 
 def guess_white(part: Part) -> dict[str, Any]:
@@ -169,14 +171,25 @@ def boxes_of(path: Path, white: float | None) -> list[Box]:
         return []
 
 
-def guess_crops(boxes: Sequence[Box], sensor: str, doubts: list[str]) -> dict[str, Any]:
+def guess_crops(
+    boxes: Sequence[Box], shape: tuple[int, int], sensor: str, doubts: list[str]
+) -> dict[str, Any]:
     """Guess the keys of the tiles of composite pictures; {} for none.
 
     Args:
         boxes: The tiles.
+        shape: Height and width of a picture.
         sensor: Type of the sensor of the picture.
         doubts: Lines, added to.
     """
+    height, width = shape
+    if not boxes and width >= _WIDE * height:
+        half = width // 2
+        doubts.append(
+            f"crops: pictures of {height} x {width} are taken for one sensor; if they show two, "
+            f"side by side: crops: {{left: {{box: [0, 0, {half}, {height}]}}, "
+            f"right: {{box: [{half}, 0, {half}, {height}]}}}}"
+        )
     if not boxes:
         return {}
     rows, columns = (len({box[axis] for box in boxes}) for axis in (1, 0))
