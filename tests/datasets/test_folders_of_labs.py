@@ -160,6 +160,39 @@ def test_one_log_by_dates_has_the_forces_of_all(tmp_path: Path) -> None:
         np.testing.assert_allclose(one.force[:, 2], wanted, atol=1e-3)
 
 
+def test_takes_of_one_folder_have_the_rows_of_their_names(tmp_path: Path) -> None:
+    names = [
+        f"{item}_{take}_{n:04d}" for item in ("mug", "can") for take in (1, 2) for n in range(8)
+    ]
+    images(tmp_path / "images", names)
+    rows = [
+        f"{item},{take},{int(n)},{len(item) + int(take) + int(n) / 10}"
+        for item, take, n in (name.split("_") for name in names)
+    ]
+    (tmp_path / "metadata.csv").write_text("\n".join(["object,take,frame,fz", *rows]) + "\n")
+    found, _ = read(tmp_path)
+    assert sorted(whole(found)) == [f"images/{one}" for one in ("can_1", "can_2", "mug_1", "mug_2")]
+    for name, one in whole(found).items():
+        assert one.force is not None
+        wanted = 3 + int(name[-1]) + np.arange(8) / 10
+        np.testing.assert_allclose(one.force[:, 2], wanted, atol=1e-6)
+
+
+def test_lists_within_a_json_are_columns(tmp_path: Path) -> None:
+    images(tmp_path / "trial_0/gel", [f"{n:03d}" for n in range(COUNT)])
+    images(tmp_path / "trial_1/gel", [f"{n:03d}" for n in range(COUNT)])
+    times = [n / 10 for n in range(COUNT)]
+    ft = {"force": [[0, 0, n / 4] for n in range(COUNT)], "rate": 10, "bias": [0.1, 0.2]}
+    for trial in range(2):
+        text = json.dumps({"t": times, "ft": ft, "about": {"object": "mug"}})
+        (tmp_path / f"trial_{trial}/data.json").write_text(text)
+    found, _ = read(tmp_path)
+    for one in whole(found).values():
+        np.testing.assert_allclose(one.times, times)
+        assert one.force is not None
+        np.testing.assert_allclose(one.force[:, 2], np.arange(COUNT) / 4, atol=1e-6)
+
+
 def test_one_table_of_several_trials_is_told(tmp_path: Path) -> None:
     for trial in range(2):
         film(tmp_path / f"mug/trial_{trial}.avi")

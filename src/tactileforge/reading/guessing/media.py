@@ -112,10 +112,10 @@ def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Un
     files: dict[tuple[str, ...], list[Path]] = {}
     for path in media:
         unit = path.parent if each == "sequence" else path
+        if layout.get("recording") == "{prefix}":
+            unit /= name_prefix(path.stem)
         files.setdefault(unit.relative_to(root).parts, []).append(path)
     first = next(iter(files.values()))
-    if layout.get("recording") == "{prefix}":
-        first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
     frames = open_media(first[0], layout.get("white")) if each == "video" else None
     count = len(frames) if frames is not None else len(first)
     own = getattr(frames, "times", None)
