@@ -2,9 +2,11 @@
 
 import json
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -12,6 +14,7 @@ from videos import write_video
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
+from tactileforge.errors import DataError
 from tactileforge.reading.guessing.layout import guess_layout
 
 RNG = np.random.default_rng(3)
@@ -191,6 +194,21 @@ def test_lists_within_a_json_are_columns(tmp_path: Path) -> None:
         np.testing.assert_allclose(one.times, times)
         assert one.force is not None
         np.testing.assert_allclose(one.force[:, 2], np.arange(COUNT) / 4, atol=1e-6)
+
+
+def test_deep_colours_are_read_after_the_command_of_the_error(tmp_path: Path) -> None:
+    pixels = RNG.integers(90, 150, (COUNT, 24, 32, 3))
+    for n, one in enumerate(pixels):
+        cv2.imwrite(str(tmp_path / f"{n}.png"), (one[..., ::-1] * 257).astype(np.uint16))
+    with pytest.raises(DataError, match="16 bits a channel") as error:
+        read(tmp_path)
+    made = str(error.value).partition("in its folder: ")[2]
+    subprocess.run(
+        ["sh", "-c", made.replace("python", sys.executable, 1)], cwd=tmp_path, check=True
+    )
+    found, _ = read(tmp_path)
+    for name, one in whole(found).items():
+        np.testing.assert_array_equal(one.frames.read([0])[0], pixels[int(name[:-4])])
 
 
 def test_one_table_of_several_trials_is_told(tmp_path: Path) -> None:
