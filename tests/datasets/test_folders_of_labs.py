@@ -14,8 +14,9 @@ from videos import write_video
 
 from tactileforge.contracts import Recording
 from tactileforge.datasets.recordings import Recordings
-from tactileforge.errors import DataError
+from tactileforge.errors import ConfigError, DataError
 from tactileforge.reading.guessing.layout import guess_layout
+from tactileforge.util.untrusted import load_yaml
 
 RNG = np.random.default_rng(3)
 COUNT = 20
@@ -53,6 +54,10 @@ def read(root: Path) -> tuple[dict[str, dict[str, Recording]], Sequence[str]]:
     }
     assert not data.skipped
     return found, guess.doubts
+
+
+def table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    path.write_text("\n".join(map(",".join, [header, *rows])) + "\n")
 
 
 def told(doubts: Sequence[str], *words: str) -> str:
@@ -197,18 +202,78 @@ def test_lists_within_a_json_are_columns(tmp_path: Path) -> None:
 
 
 def test_deep_colours_are_read_after_the_command_of_the_error(tmp_path: Path) -> None:
-    pixels = RNG.integers(90, 150, (COUNT, 24, 32, 3))
+    pixels, folder = RNG.integers(90, 150, (COUNT, 24, 32, 3)), tmp_path / "set"
+    folder.mkdir()
     for n, one in enumerate(pixels):
-        cv2.imwrite(str(tmp_path / f"{n}.png"), (one[..., ::-1] * 257).astype(np.uint16))
+        cv2.imwrite(str(folder / f"{n}.png"), (one[..., ::-1] * 257).astype(np.uint16))
+    rows = [f"{n}.png,{n}" for n in range(COUNT)]
+    table(folder / "forces.csv", ["file", "fz"], [row.split(",") for row in rows])
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(DataError, match="16 bits a channel") as error:
-        read(tmp_path)
-    made = str(error.value).partition("in its folder: ")[2]
-    subprocess.run(
-        ["sh", "-c", made.replace("python", sys.executable, 1)], cwd=tmp_path, check=True
-    )
-    found, _ = read(tmp_path)
+        read(folder)
+    made = str(error.value)[str(error.value).index("python -c") :]
+    subprocess.run(["sh", "-c", made.replace("python", sys.executable, 1)], cwd=folder, check=True)
+    assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert (tmp_path / "8bit/forces.csv").read_bytes() == before["forces.csv"]
+    found, _ = read(tmp_path / "8bit")
     for name, one in whole(found).items():
         np.testing.assert_array_equal(one.frames.read([0])[0], pixels[int(name[:-4])])
+        assert one.force is not None
+        assert one.force[0, 2] == int(name[:-4])
+
+
+def test_single_touches_of_one_array_are_read_with_the_keys_of_the_line(tmp_path: Path) -> None:
+    grey = 60 + np.arange(COUNT)[:, None, None, None]
+    pixels = (grey + np.zeros((24, 32, 3))).astype(np.uint8)
+    felt = np.arange(3 * COUNT).reshape(COUNT, 3) / 8
+    np.save(tmp_path / "images.npy", pixels)
+    np.save(tmp_path / "forces.npy", felt)
+    guess = guess_layout(tmp_path)
+    assert guess is not None
+    fix = told(guess.doubts, "each: images.npy is taken for one film").partition("own: ")[2]
+    layout = guess.options["layouts"]["guessed"] | load_yaml(f"{{{fix}}}")
+    data = Recordings(str(tmp_path), {"mine": layout})
+    found = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert len(found) == COUNT
+    assert all(len([*data.recordings(x)]) for x in ("train", "val"))
+    for one in found:
+        row = int(one.key.rpartition("/")[2])
+        np.testing.assert_array_equal(one.frames.read([0])[0], pixels[row])
+        assert one.force is not None
+        np.testing.assert_allclose(one.force[0], felt[row])
+        assert one.times.tolist() == [0]
+        assert one.action is not None
+        assert one.no_contact is None
+    with pytest.raises(ConfigError, match="each: touch takes each frame"):
+        Recordings(str(tmp_path), {"mine": layout | {"every": 2}})
+
+
+@pytest.mark.parametrize("table", ["npy", "csv"])
+def test_arrays_of_unlike_pictures_and_classes_are_single_touches(
+    table: str, tmp_path: Path
+) -> None:
+    pixels = RNG.integers(90, 150, (COUNT, 24, 32, 3)).astype(np.uint8)
+    classes = np.arange(COUNT) % 4
+    parts = {"train": slice(0, 12), "test": slice(12, COUNT)}
+    for word, rows in parts.items():
+        np.save(tmp_path / f"X_{word}.npy", pixels[rows])
+        if table == "npy":
+            np.save(tmp_path / f"y_{word}.npy", classes[rows])
+        else:
+            cells = "".join(f"{one}\n" for one in classes[rows])
+            (tmp_path / f"y_{word}.csv").write_text(f"object\n{cells}")
+    found, doubts = read(tmp_path)
+    assert told(doubts, "train: each", "classes differ")
+    assert [len(own) for own in found.values()] == [12, 8]
+    for split, rows in zip(("train", "val"), parts.values(), strict=True):
+        for name, one in found[split].items():
+            row = int(name.rpartition("/")[2])
+            np.testing.assert_array_equal(one.frames.read([0])[0], pixels[rows][row])
+            assert one.object == str(classes[rows][row])
+    layout = {"videos": "X_train.npy", "each": "touch", "sensor": "digit", "background": "none"}
+    layouts = {"mine": layout | {"labels": {"file": f"y_test.{table}"}}}
+    with pytest.raises(DataError, match=r"8 rows for the 12 pictures of X_train\.npy"):
+        list(Recordings(str(tmp_path), layouts).recordings("train"))
 
 
 def test_one_table_of_several_trials_is_told(tmp_path: Path) -> None:

@@ -68,14 +68,16 @@ NOTIONS = {
     "within": "group below which all paths start; with placeholders, each that fits is an episode",
     "beside": "further files of an episode, by a word",
     "ends": "array of the rows after the last of each episode",
-    "ends_are": "what `ends` holds: ends, starts, lengths or numbers",
+    "ends_are": "what `ends` holds: ends, starts, lengths or numbers; `rows`, of any array: each "
+    "row is an episode",
     "parts": "parts of a row that are a sensor of their own",
     "names": "attribute with the names of the parts",
     "lengths": "attribute with the number of values of each part",
     "crops": "parts of a picture that are a sensor of their own, by name",
     "box": "left, top, width and height of a part, pixels",
     "pads": "whether the second axis counts pads of one kind",
-    "each": "what an image is: `touch`, or one of a `sequence`",
+    "each": "what an image is: `touch`, or one of a `sequence`; of `videos`, `touch` makes each "
+    "frame one",
     "recording": "what tells recordings in one folder apart",
     "order": "order of the images of a sequence",
     "signature": "arrays by which a format is recognised",

@@ -34,11 +34,14 @@ _UPRIGHT: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 _PRINT = frozenset({"CMYK", "LAB"})
 
 
-#: Command that makes pictures of 8 bits of those in a folder.
+#: Command that copies a folder, with pictures of 8 bits for those of 16.
 _EIGHT_BITS = (
-    'in its folder: python -c "import cv2, glob; '
-    "[cv2.imwrite(p, (cv2.imread(p, -1) * (255 / 65535)).round().astype('u1')) "
-    "for p in glob.glob('*.*')]\""
+    "in the folder of the data, as a copy of it beside, 8bit: "
+    'python -c "import cv2, pathlib, shutil; '
+    "[cv2.imwrite(str(p), (i * (255 / 65535)).round().astype('u1')) "
+    "for p in pathlib.Path(shutil.copytree('.', '../8bit')).rglob('*') "
+    "if p.suffix.lower() in ('.png', '.tif', '.tiff', '.ppm') "
+    "and (i := cv2.imread(str(p), -1)).dtype == 'u2']\""
 )
 
 

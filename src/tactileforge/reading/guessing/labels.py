@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -27,8 +28,11 @@ from tactileforge.reading.guessing.families import (
     Family,
     Units,
     fits,
+    is_for_all,
 )
 from tactileforge.reading.guessing.force_headers import FORCE
+from tactileforge.reading.guessing.frames import is_film
+from tactileforge.reading.guessing.media import Part, open_media
 from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.guessing.view_words import FINGERS, VIEWS
 from tactileforge.reading.records import RECORDS, conversion
@@ -59,6 +63,10 @@ _AS_FAST = 0.01
 _COUNTED = re.compile(
     rf"{RECORDING_WORDS}|ep|traj|rollout|frame|file|f|sample|day|session|user|v|t|[cd]|"
     "sensor|device|ch|channel|port|gripper|hand|arm|gel|tac|tactile"
+)
+#: Names of arrays of the classes of pictures.
+_CLASSES = re.compile(
+    rf"(?:.*[_.-])?(?:y|labels?|class(?:es)?|objects?|targets?)(?:[_.-](?:{'|'.join(SPLIT_OF_FOLDER)}))?"
 )
 #: Columns of an unread table that are told.
 _SHOWN = 8
@@ -109,6 +117,41 @@ def guess_labels(
     if family.key and template_columns(family.key):
         doubt_key(family, family.key, doubts)
     return keys, [family]
+
+
+def guess_classes(
+    part: Part, found: Sequence[Family], units: Units
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the keys of objects of single touches in an array, and their family of tables.
+
+    An array is taken for a film unless its pictures and their classes both change at random.
+
+    Args:
+        part: The files; gets the key of single touches, and the lines to be checked.
+        found: Families of tables.
+        units: The recordings.
+    """
+    for family in found:
+        column = family.column(OBJECT) or family.column(OBJECT_NUMBER)
+        if [*family.rows[0]] == ["0"] and _CLASSES.fullmatch(family.files[0].stem.lower()):
+            column = "0"
+        cells = [row[column] for row in family.rows] if column else []
+        changes = sum(one != other for one, other in pairwise(cells))
+        is_each = len(cells) == units.count >= 2 * len({*cells}) and 3 * changes > len(cells)
+        if not is_each or not is_for_all(family, units):
+            continue
+        film = open_media(part.media[0], part.layout.get("white"))
+        if film is None or is_film(film.read, len(film)):
+            continue
+        part.forget("each", "fps")
+        part.layout["each"] = "touch"
+        part.doubts += [
+            "each: neighboring pictures and their classes differ, so each is taken for a touch of "
+            "its own",
+            f"labels: object by {family.template}, a row for each picture",
+        ]
+        return {"labels": {"file": family.template}, "object": f"{{{column}}}"}, [family]
+    return {}, []
 
 
 def _names_folders(family: Family, units: Units) -> bool:

@@ -15,6 +15,7 @@ from tactileforge.reading.guessing.families import Family, Units, families, is_f
 from tactileforge.reading.guessing.frames import boxes_of, guess_crops, guess_frames, guess_white
 from tactileforge.reading.guessing.labels import (
     force_in_names,
+    guess_classes,
     guess_labels,
     guess_shared,
     unread_words,
@@ -84,7 +85,14 @@ def guess_part(part: Part) -> None:
     times, is_dated = guess_times(found, units, doubts, column)
     units = replace(units, is_dated=is_dated)
     force, of_force = guess_force(found, units, doubts)
-    labels, of_labels = guess_labels(apart or found, units, doubts)
+    labels: dict[str, Any] = {}
+    if is_stack(part.media[0]):
+        if times or "times" in force.get("force", {}):
+            part.forget("each")
+        elif not part.listed:
+            labels, of_labels = guess_classes(part, found, units)
+    if not labels:
+        labels, of_labels = guess_labels(apart or found, units, doubts)
     if part.listed:
         labels, of_labels = _listed(part, found, labels, of_labels)
     if column:
@@ -92,7 +100,7 @@ def guess_part(part: Part) -> None:
     if times:
         part.forget("fps")
     layout |= times | _background(part) | force
-    of_films = "videos" in layout and not layout.keys() & {"times", "fps"}
+    of_films = "videos" in layout and not layout.keys() & {"times", "fps", "each"}
     if force and (part.assumes_rate or of_films) and "recording" not in layout:
         guess_rate(part, of_force[0], force["force"])
     if "sensor" in labels:
