@@ -222,7 +222,32 @@ def test_the_table_of_one_object_is_not_given_to_others(tmp_path: Path) -> None:
     found, doubts = read(tmp_path)
     assert len(found) == 4
     assert all(one.force is None for one in found.values())
-    assert "force: not every recording has its ft/mug/raw/{stem}.csv; left out" in doubts
+    assert "force: not every recording has its ft/{folder}/raw/{stem}.csv; left out" in doubts
+
+
+@pytest.mark.parametrize(
+    ("video", "ft"),
+    [
+        ("raw/video/{item}/trial_{trial}", "ft/{item}/trial_{trial}"),
+        ("video/{item}/trial_{trial}", "data/raw/ft/{item}/trial_{trial}"),
+        ("{item}/tactile/{trial}", "{item}/force/{trial}"),
+        ("videos/{item}_{trial}_video", "forces/{item}_{trial}_force"),
+        ("videos/video_{item}{trial}", "forces/force_{item}{trial}"),
+        ("{item}/trial_{trial}", "{item}/ft_trial_{trial}"),
+    ],
+)
+def test_a_table_is_of_the_recording_with_most_of_its_path(
+    video: str, ft: str, tmp_path: Path
+) -> None:
+    peaks = {}
+    for number in range(4):
+        names = {"item": ("mug", "can")[number // 2], "trial": number % 2}
+        path = f"{video}.avi".format(**names)
+        film(tmp_path / path)
+        table(tmp_path / f"{ft}.csv".format(**names), 2 + number)
+        peaks[f"guessed/{path}"] = 2 + number
+    found, _ = read(tmp_path)
+    assert peaks == {one.key: one.force[-1, 2] for one in found.values() if one.force is not None}
 
 
 @pytest.mark.parametrize(

@@ -837,3 +837,21 @@ def test_forces_of_several_bodies_are_a_track(tmp_path):
 def test_a_missing_module_is_installed_by_the_name_of_its_package():
     with pytest.raises(ConfigError, match=r"is read by nowhere\.io: pip install nowhere "):
         need("nowhere.io", "a.mat")
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_rows_of_single_touches_are_read_with_the_keys_of_the_line(tmp_path, name):
+    felt = np.arange(36).reshape(12, 3) / 8
+    WRITERS[name](tmp_path, {"images": (shown := pictures(12, 24, 32, 3)), "force": felt})
+    [(_, guess), *_] = recognise(tmp_path)
+    (line,) = [one for one in guess.options["map"]["doubts"] if one.startswith("ends: images")]
+    fix = dict(one.split(": ") for one in line.partition("the map has: ")[2].split(", "))
+    data = Episodes(str(tmp_path), map=guess.options["map"] | fix)
+    found = [one for split in ("train", "val") for one in data.recordings(split)]
+    assert len(found) == 12
+    for one in found:
+        row = int(one.key.split("/")[-2])
+        np.testing.assert_array_equal(one.frames.read([0])[0], shown[row])
+        np.testing.assert_allclose(one.force, felt[[row]])
+        assert one.times.tolist() == [0]
+        assert one.no_contact is None

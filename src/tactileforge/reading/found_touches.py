@@ -8,11 +8,17 @@ from functools import partial
 from itertools import chain, pairwise
 from pathlib import Path
 
+from tactileforge.data.frames.stacks import open_film
 from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.reading.files import deeper, kind_of, matching_files
 from tactileforge.reading.frame_clock import Clocks
 from tactileforge.reading.image_rows import ImageRows
-from tactileforge.reading.label_rows import LabelRow, match_labels, row_of_series
+from tactileforge.reading.label_rows import (
+    LabelRow,
+    match_labels,
+    row_of_series,
+    rows_in_turn,
+)
 from tactileforge.reading.layout import DatasetLayout
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import order_doubt
@@ -59,13 +65,19 @@ class FoundTouches:
                 f"the data, or correct the pattern of layout {layout.name!r}"
             )
         named = self._grouped(self.files)
-        labels = match_labels(layout, self.folder, named)
-        touches = [LayoutTouch(name, paths, labels[name]) for name, paths in named.items()]
+        of_files = replace(layout, labels=None) if layout.singles else layout
+        labels = match_labels(of_files, self.folder, named)
+        touches = [
+            LayoutTouch(name, paths, labels[name])
+            for name, paths in named.items()
+            if labels[name].cells or not layout.only
+        ]
         if layout.each == "sequence" and not layout.order:
             touches = [*chain(*map(self._series, touches))]
         if layout.films:
             touches = [*chain(*map(self._films, touches))]
-        return self._in_order(self._without_backgrounds(touches), Clocks(layout, rows))
+        touches = self._in_order(self._without_backgrounds(touches), Clocks(layout, rows))
+        return [*chain(*map(self._singles, touches))] if layout.singles else touches
 
     def _grouped(self, files: list[Path]) -> dict[str, list[Path]]:
         """Files of each touch, by its name from the folder of the layout."""
@@ -122,6 +134,27 @@ class FoundTouches:
         for name, number in (self.layout.films or {}).items():
             key = f"{touch.name}#{name}" if name else touch.name
             yield replace(touch, name=key, folder=touch.name, stream=number)
+
+    def _singles(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
+        """A touch of each frame of a film, with the row of labels in its place."""
+        try:
+            count = len(open_film(touch.paths[0], touch.stream, self.layout.white))
+        except DataError:  # named when it is opened
+            yield touch
+            return
+        rows = [touch.row] * count
+        if self.layout.labels:
+            path = touch.path(self.folder, self.layout.labels)
+            rows = rows_in_turn(self.layout, path, touch.name)
+            if len(rows) != count:
+                raise DataError(
+                    f"{path}: {len(rows)} rows for the {count} pictures of {touch.name}; give one "
+                    "for each, in order"
+                )
+        for frame, row in enumerate(rows):
+            name, folder = (f"{one}/{frame:06d}" for one in (touch.name, touch.folder))
+            folder = folder if touch.folder else ""
+            yield replace(touch, name=name, folder=folder, row=row, frame=frame)
 
     def _series(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:
         """The touch, or one for each series of its folder."""

@@ -89,8 +89,8 @@ class Clocks:
             )
         if video is None:
             return _of_names(layout, paths)
-        if layout.fps:
-            return FrameClock(np.arange(len(video)) / layout.fps)
+        if layout.fps or layout.singles:
+            return FrameClock(np.arange(len(video)) / (layout.fps or 1.0))
         fix = f"give layout {layout.name!r} the rate of the camera: fps: 30"
         if isinstance(video, StackFrames):
             raise ConfigError(f"{video.path}: a stack has no times; {fix}, or times: of a CSV")

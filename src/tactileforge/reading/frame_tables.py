@@ -19,6 +19,7 @@ from tactileforge.reading.image_rows import ImageRows, names_images
 from tactileforge.reading.layout import DatasetLayout
 from tactileforge.reading.layout_keys import FrameTable, TrackKeys, TrackRanges
 from tactileforge.reading.name_times import frame_numbers
+from tactileforge.reading.order import name_prefix
 from tactileforge.reading.table_clock import on_frames
 from tactileforge.reading.tables import (
     FoundRows,
@@ -201,21 +202,19 @@ class FrameTables:
         """Rows of the recording in a table with its name; None for other tables."""
         if not table.key or not (table.frame or table.time):
             return None
-        is_film = self.layout.each == "video"
+        own = self._place(paths[0])
         if (path, table.key) not in self._shared:
             needed = [*table.columns, table.key, table.frame or table.time]
             rows = read_cells(path, [name for name in needed if name])
-            places = [image if is_film else image.parent for image in self.rows.images]
             names = {
                 place.relative_to(self.rows.folder).as_posix(): place
-                for place in dict.fromkeys(places)
+                for place in dict.fromkeys(map(self._place, self.rows.images))
             }
             written = [cells[table.key] for _, cells in rows]
             told: Mapping[str, Sequence[str]] = {}
             if template_columns(table.file):  # those beside the table are meant first
-                place = paths[0] if is_film else paths[0].parent
-                inner = self.rows.folder != path.parent and place.is_relative_to(path.parent)
-                above = path.parent if inner else place.parent
+                inner = self.rows.folder != path.parent and own.is_relative_to(path.parent)
+                above = path.parent if inner else own.parent
                 near = [name for name, one in names.items() if one.is_relative_to(above)]
                 told = recordings_of(written, near)
             if not told.keys() >= {*written}:
@@ -231,7 +230,14 @@ class FrameTables:
                 for name in told[cells[table.key]]:
                     grouped.setdefault(names[name], []).append((where, cells))
             self._shared[path, table.key] = grouped
-        return self._shared[path, table.key].get(paths[0] if is_film else paths[0].parent, [])
+        return self._shared[path, table.key].get(own, [])
+
+    def _place(self, image: Path) -> Path:
+        """Path of the recording of a file, as rows may name it."""
+        if self.layout.each == "video":
+            return image
+        is_prefix = self.layout.recording == "{prefix}"
+        return image.parent / (name_prefix(image.stem) if is_prefix else "")
 
 
 def _numbered(

@@ -110,6 +110,17 @@ def label_row(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) ->
     return LabelRow(name, {}, dict.fromkeys(header, "") | _names(name, layout))
 
 
+def rows_in_turn(layout: DatasetLayout, path: Path, name: str) -> list[LabelRow]:
+    """Rows of the pictures of a film, in their order.
+
+    Args:
+        layout: The layout.
+        path: The table.
+        name: The film.
+    """
+    return [_row(name, where, cells, layout) for where, cells in read_cells(path, [*layout.words])]
+
+
 def match_labels(
     layout: DatasetLayout, folder: Path, files: Mapping[str, Sequence[Path]]
 ) -> dict[str, LabelRow]:

@@ -74,6 +74,7 @@ class DatasetLayout:
     path: str
     globs: tuple[str, ...]
     each: str
+    singles: bool
     films: Mapping[str, int] | None
     recording: str
     sensor: str | None
@@ -88,6 +89,7 @@ class DatasetLayout:
     background: BackgroundRule | None
     labels: str | None
     key: str
+    only: bool
     words: Mapping[str, Mapping[str, str]]
     force: FrameTable | None
     action: str | FrameTable | tuple[ActionRange, ...] | None
@@ -132,6 +134,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         path=keys.path,
         globs=globs,
         each=each,
+        singles=each == "video" and keys.each == "touch",
         films={"": keys.stream} if isinstance(keys.stream, int) else keys.stream,
         recording=keys.recording or "",
         sensor=sensor,
@@ -146,6 +149,7 @@ def parse_layout(name: str, config: Any) -> DatasetLayout:
         background=parse_background(keys.background, f"{where}: background"),
         labels=keys.labels.file,
         key=keys.labels.key,
+        only=keys.labels.only,
         words={
             # YAML has ranks as numbers, a CSV as text
             str(column): {str(rank): str(word) for rank, word in words.items()}
@@ -221,6 +225,11 @@ def _check(keys: LayoutKeys, each: str, where: str) -> None:
                     f"{where}: track {track.name!r} has {len(track.frames)} ranges and margin "
                     f"{track.margin}; give frames: [[first, end], ...] and 0 or more"
                 )
+    is_thinned = keys.every != 1 or (isinstance(keys.tracks, TrackKeys) and keys.tracks.drop)
+    if each == "video" and keys.each == "touch" and is_thinned:
+        raise ConfigError(
+            f"{where}: each: touch takes each frame of videos; leave out every: and drop:"
+        )
     if keys.white is not None and not 255 < keys.white <= 65535:
         raise ConfigError(
             f"{where}: white is {keys.white:g}; give the value of white in pictures of 16 bits: "

@@ -58,10 +58,17 @@ class CropKeys(Keys):
 
 @dataclass(frozen=True)
 class LabelKeys(Keys):
-    """Keys of the CSV of labels: its file, and the column of the touches' names."""
+    """Keys of the CSV of labels.
+
+    Attributes:
+        file: Path from the layout's folder.
+        key: Column of the touches' names.
+        only: Whether touches without a row are left out; False.
+    """
 
     file: str | None = None
     key: str = "file"
+    only: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

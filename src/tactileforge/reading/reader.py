@@ -8,6 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,8 @@ class LayoutReader:
         self.index = PictureIndex(self.folder)
         self._of(ImageRows(self.folder, []))
         self._backgrounds: dict[Path, FileFrames] = {}
+        #: The film of single touches that was read last, whole.
+        self._film: tuple[LayoutTouch, list[Recording]] | None = None
         if not self.folder.is_dir():
             raise DataNotFoundError(
                 f"{self.folder}: no such folder; set data.root to the folder of the data, or leave "
@@ -122,6 +125,24 @@ class LayoutReader:
             DataError: Labels or the background contradict the frames.
             ConfigError: A label names an unknown sensor or action.
         """
+        if touch.frame is None:
+            yield from self._label(touch, frames)
+            return
+        film = self._film
+        if film is None or (film[0].paths, film[0].stream) != (touch.paths, touch.stream):
+            self._film = film = touch, [*self._label(touch, frames)]
+        for whole in film[1]:
+            one = replace(
+                whole.select([touch.frame]),
+                key=whole.key.replace(film[0].name, touch.name, 1),
+                times=np.zeros(1),
+                **self._words(touch.row),
+            )
+            if self.layout.action == "force" and one.force is not None:
+                one = replace(one, action=label_actions(one.times, one.force))
+            yield one
+
+    def _label(self, touch: LayoutTouch, frames: FileFrames) -> Iterator[Recording]:
         layout, row = self.layout, touch.row
         video = None if isinstance(frames, ImageFrames) else frames
         clock = self._clocks.times(touch.paths, video, partial(touch.path, self.folder))
@@ -139,7 +160,6 @@ class LayoutReader:
         full = (0, 0, frames.full_shape[1], frames.full_shape[0])
         change = partial(_change, frames, self._no_contact(frames, background, full))
         force = self._force(touch, clock, change)
-        phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
         # Common to all tiles; each tile sets its sensor, frames and background below.
         whole = Recording(
             key=f"{layout.name}/{touch.name}",
@@ -149,17 +169,8 @@ class LayoutReader:
             no_contact=None,
             force=force,
             action=self._action(touch, times, force),
-            object=row.fill(layout.object) if layout.object else None,
-            text=", ".join(phrase for phrase in phrases if phrase) or None,
             image=self._camera(touch),
-            labels={
-                **{
-                    name: number_or_text(cell)
-                    for name, cell in row.cells.items()
-                    if cell and not template_columns(name)
-                },
-                **({"ignore": " ".join(layout.ignore)} if layout.ignore else {}),
-            },
+            **self._words(row),
             source=layout.source,
             tier=layout.tier,
             licence=layout.licence,
@@ -175,6 +186,21 @@ class LayoutReader:
                 no_contact=self._no_contact(shown, background, box),
             )
             yield thinned(self._tracked(tile, touch, name), layout.every)
+
+    def _words(self, row: LabelRow) -> dict[str, Any]:
+        """What a row says of its touch."""
+        layout = self.layout
+        phrases = [row.fill(phrase, spaced=True) for phrase in layout.text]
+        labels = {
+            name: number_or_text(cell)
+            for name, cell in row.cells.items()
+            if cell and not template_columns(name)
+        }
+        return {
+            "object": row.fill(layout.object) if layout.object else None,
+            "text": ", ".join(phrase for phrase in phrases if phrase) or None,
+            "labels": labels | ({"ignore": " ".join(layout.ignore)} if layout.ignore else {}),
+        }
 
     def _sensor(self, template: str, touch: LayoutTouch) -> str:
         name = touch.row.fill(template)

@@ -159,9 +159,9 @@ def read_records(path: Path) -> list[tuple[str, dict[str, str]]]:
     """Place and cells of each row of a JSON, JSON lines, YAML or .npy; "" for a missing value.
 
     A JSON or YAML is a list of rows; one row; rows by the name of their file (column ``file``); a
-    list of rows among values that all share; columns, lists of one length of 8 or more; or 8 or
-    more numbers, or lists of as many numbers each. A row of numbers, or of an array, has the
-    columns ``0``, ``1`` and so on.
+    list of rows among values that all share; columns, lists of one length of 8 or more, of which
+    mappings may hold some; or 8 or more numbers, or lists of as many numbers each. A row of
+    numbers, or of an array, has the columns ``0``, ``1`` and so on.
 
     Raises:
         DataError: The file is damaged, or has no rows.
@@ -241,9 +241,21 @@ def _rows_of(content: Any) -> list[Any]:
     lengths = {len(value) for value in lists.values()}
     if len(lengths) == 1 and min(lengths) >= _ROWS:
         shared = {name: value for name, value in content.items() if name not in lists}
+        lists |= _inner_lists(shared, min(lengths))
         columns = zip(*lists.values(), strict=True)
         return [{**shared, **dict(zip(lists, row, strict=True))} for row in columns]
     return [content]
+
+
+def _inner_lists(values: dict[str, Any], length: int) -> dict[str, list[Any]]:
+    """Lists of a length within mappings, such as ``ft.force``; these are taken out of values."""
+    found: dict[str, list[Any]] = {}
+    for name, inner in [*values.items()]:
+        if isinstance(inner, Mapping):
+            own = {k: v for k, v in inner.items() if isinstance(v, list) and len(v) == length}
+            values[name] = {key: value for key, value in inner.items() if key not in own}
+            found |= {f"{name}.{key}": value for key, value in own.items()}
+    return found
 
 
 def _rows_of_coco(content: Any) -> list[Any]:

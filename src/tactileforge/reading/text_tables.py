@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
-from itertools import islice
+from itertools import chain, islice
 
 from tactileforge.data.labels.missing import stated
 from tactileforge.reading.records import flat
@@ -28,6 +28,8 @@ _QUOTED = re.compile(r'"[^"]*"')
 #: A line of an array, and the name of a file: no column is called so.
 _ARRAY = re.compile(r"\s*\[[^\[\]]*\]\s*|\s*\(\s*[-+.\d][^()]*\)\s*")
 _FILE = re.compile(r"\S.*\.(?:png|jpe?g|bmp|tiff?|webp|npy|mp4|avi|mov|mkv)", re.IGNORECASE)
+#: A name in a list of recordings: a path, or words and a number.
+_LISTED = re.compile(r"[^\s/]+(?:/[^\s/]+)+/?|[^\W\d_][\w.-]*\d")
 #: What parts numbers of one cell, and what encloses them.
 _PARTED, _AROUND = re.compile(r"[,;\s]+"), "[]() \t\r\n"
 #: Units of a line below the names of columns; of these, those that a reader takes for granted.
@@ -209,8 +211,9 @@ def _header(lines: Sequence[Cells]) -> tuple[list[str] | None, int]:
 
 
 def _names_files(lines: Sequence[Cells]) -> bool:
-    """Whether a column of some lines has the name of a file in each."""
-    return any(all(map(_FILE.fullmatch, column)) for column in zip(*lines, strict=False))
+    """Whether lines have names of files in a column, or are a list of names."""
+    is_list = {*map(len, lines)} == {1} and all(map(_LISTED.fullmatch, chain(*lines)))
+    return is_list or any(all(map(_FILE.fullmatch, column)) for column in zip(*lines, strict=False))
 
 
 def _below_titles(lines: Sequence[Cells], begin: int) -> int:

@@ -27,6 +27,7 @@ class LayoutTouch:
         folder: Name of the folder of several series, or of the file of several streams, which are
             held out together; "" for others.
         stream: Number of the stream of video.
+        frame: The only frame of a film; None for all of its frames.
     """
 
     name: str
@@ -34,6 +35,7 @@ class LayoutTouch:
     row: LabelRow
     folder: str = ""
     stream: int = 0
+    frame: int | None = None
 
     def path(self, folder: Path, template: str) -> Path:
         """A path for the touch by a template.

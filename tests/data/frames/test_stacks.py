@@ -45,6 +45,14 @@ def test_grey_arrays_have_three_channels(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read, np.repeat(PIXELS[4, ..., :1], 3, axis=2))
 
 
+def test_channels_may_come_first(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (6, 18, 24, 3), np.uint8)
+    np.save(tmp_path / "a.npy", np.moveaxis(pixels, -1, 1))
+    stack = StackFrames(tmp_path / "a.npy")
+    assert (len(stack), stack.shape) == (6, (18, 24))
+    np.testing.assert_array_equal(stack.read([4, 1]), pixels[[4, 1]])
+
+
 def test_what_is_no_stack_is_named(tmp_path: Path) -> None:
     def refused(wanted: str, kind=DataError) -> None:
         with pytest.raises(kind, match=wanted) as error:
@@ -54,8 +62,8 @@ def test_what_is_no_stack_is_named(tmp_path: Path) -> None:
     refused("no such file", DataNotFoundError)
     np.save(tmp_path / "a.npy", PIXELS.astype(np.float32) / 255)
     refused("float32 values.*255 \\* x")
-    np.save(tmp_path / "a.npy", np.moveaxis(PIXELS, -1, 1))
-    refused(r"an array of \(6, 3, 10, 14\), where frames are \(T, H, W, 3\)")
+    np.save(tmp_path / "a.npy", PIXELS[..., :2])
+    refused(r"an array of \(6, 10, 14, 2\), where frames are \(T, H, W, 3\)")
     np.save(tmp_path / "a.npy", np.array([{"a": 1}]), allow_pickle=True)
     refused("objects of Python, .*numpy.savez\\('a.npz'")
     raw = (tmp_path / "a.npy").read_bytes()

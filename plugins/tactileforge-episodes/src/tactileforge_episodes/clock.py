@@ -34,6 +34,8 @@ def episodes_of(arrays: EpisodeArrays, keys: EpisodeMap, rows: int) -> list[tupl
     """
     if not keys.ends:
         return [(0, rows)]
+    if keys.ends_are == "rows":
+        return [(row, row + 1) for row in range(rows)]
     ref = arrays.find(keys.ends, {})
     if ref is None:
         return [(0, rows)]

@@ -86,6 +86,13 @@ def _guess_map(root: Path, places: Sequence[Place], touch: Sequence[str]) -> Gue
             for one in other["touch"]
             if one["array"] not in known[0] and one["finger"] not in known[1]
         ]
+    touch_times = any("times" in one for one in keys["touch"])
+    if len(places) == 1 and not touch_times and not keys.keys() & {"within", "ends", "times"}:
+        array = keys["touch"][0]["array"]
+        keys["doubts"].append(
+            f"ends: {array} is taken for one film; if each of its rows is a touch of its own, the "
+            f"map has: ends: {array}, ends_are: rows, background: none"
+        )
     drawn = all("taxels" in one for one in keys["touch"])
     streams = ", ".join(one["finger"] for one in keys["touch"])
     return Guess(

@@ -189,7 +189,8 @@ class EpisodeMap(OriginKeys):
             with the placeholders of ``files``, from the folder where their match begins.
         ends: Key of the row after the last of each episode; "" where a file is one episode.
         ends_are: What ``ends`` holds: ``ends``, ``starts`` or ``lengths`` of the episodes in rows,
-            or ``numbers``, that of the episode of each row.
+            ``numbers``, that of the episode of each row; or ``rows``, any array whose rows are an
+            episode each.
         splits: Which episodes are held out, where the file says; null for a share of them.
         times: Times; null for regular rows at ``fps``.
         fps: Rows per second, or where it is read; null where the option ``data.fps`` is needed.
@@ -218,7 +219,7 @@ class EpisodeMap(OriginKeys):
     within: str = ""
     beside: Mapping[str, str] = field(default_factory=dict)
     ends: str = ""
-    ends_are: Literal["ends", "starts", "lengths", "numbers"] = "ends"
+    ends_are: Literal["ends", "starts", "lengths", "numbers", "rows"] = "ends"
     splits: SplitKeys | None = None
     times: TimeKeys | None = None
     fps: float | ReadKeys | None = None

@@ -34,6 +34,17 @@ _UPRIGHT: dict[int, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 _PRINT = frozenset({"CMYK", "LAB"})
 
 
+#: Command that copies a folder, with pictures of 8 bits for those of 16.
+_EIGHT_BITS = (
+    "in the folder of the data, as a copy of it beside, 8bit: "
+    'python -c "import cv2, pathlib, shutil; '
+    "[cv2.imwrite(str(p), (i * (255 / 65535)).round().astype('u1')) "
+    "for p in pathlib.Path(shutil.copytree('.', '../8bit')).rglob('*') "
+    "if p.suffix.lower() in ('.png', '.tif', '.tiff', '.ppm') "
+    "and (i := cv2.imread(str(p), -1)).dtype == 'u2']\""
+)
+
+
 def is_deep_grey(image: Image.Image) -> bool:
     """Whether an open picture is grey, of 16 bits."""
     # before its version 11, Pillow opened PNG of them with more bits
@@ -63,7 +74,8 @@ def check_depth(image: Image.Image, where: str, white: float | None = None) -> N
         raise DataError(f"{where}: {image.mode} pixels; convert it to 8 bits a channel")
     if _is_deep(image):
         raise DataError(
-            f"{where}: 16 bits a channel ({image.mode}); convert it to 8 bits a channel"
+            f"{where}: 16 bits a channel ({image.mode}); convert it to 8 bits a channel, with the "
+            f"camera's white for 65535, {_EIGHT_BITS}"
         )
     if image.mode in _PRINT:
         raise DataError(f"{where}: {image.mode} pixels; convert it to RGB, 8 bits a channel")

@@ -37,8 +37,8 @@ STACK_SUFFIXES = _TIFF | {".npy"}
 class StackFrames(Cropped):
     """Frames of a stack: pages of a TIFF, or an array of a .npy.
 
-    The array is uint8 (T, H, W, 3), RGB, or (T, H, W), grey. Opening reads headers only; a stack
-    knows no times.
+    The array is uint8 (T, H, W, 3) or (T, 3, H, W), RGB, or (T, H, W), grey. Opening reads headers
+    only; a stack knows no times.
 
     Args:
         path: Path of the file.
@@ -116,6 +116,8 @@ class StackFrames(Cropped):
                 f"{self.path}: one picture of {array.shape}, where a stack is (T, H, W, 3): save "
                 "the pictures of a recording as one array (np.stack), or each as a PNG"
             )
+        if array.ndim == 4 and array.shape[1] in (1, 3) and min(array.shape[2:]) >= _SIDE:
+            array = np.moveaxis(array, 1, -1)  # channels first, as PyTorch has them
         colours = array.ndim == 4 and array.shape[-1] in (1, 3)
         if not (colours or array.ndim == 3) or 0 in array.shape:
             raise DataError(

@@ -30,7 +30,7 @@ def guess_background(part: Part) -> dict[str, Any]:
         part: The files, with the keys of them and of their times; gets the lines to be checked.
     """
     stills = sorted(stills_among(part.files, part.root) - {*part.media})
-    if part.folder:
+    if part.folder and not part.listed:
         stills = [path for path in stills if _is_of(path.relative_to(part.root), part.folder)]
     if stills and (name := _still(part, stills)):
         is_film = PurePath(name).suffix.lower() in VIDEOS

@@ -207,7 +207,7 @@ def leading_column(family: Family) -> str:
     """The first column of a table without names, where it rises before others; "" for none."""
     columns = [name for name in family.rows[0] if name != family.key]
     # three or six columns are forces, with or without torques
-    if not family.is_numbered or len(columns) in (1, 3, 6):
+    if not family.is_numbered or len(columns) in (0, 1, 3, 6):
         return ""
     values = numbers(family, columns[0])
     return columns[0] if len(values) > 1 and (np.diff(values) > 0).all() else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice, permutations, takewhile
+from itertools import chain, combinations, islice, permutations, takewhile
 from os.path import normpath
 from pathlib import Path, PurePath
 from typing import TypeAlias
@@ -161,11 +161,11 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             family.rows = family.rows[:-1]
         if not family.rows:
             continue
-        family.key = family.key or _key(family.rows, names)
-        if family.key and _is_elsewhere(family, units):
-            family.key = None
+        keys = [family.key] if family.key else _keys(family.rows, names)
+        family.key = next((key for key in keys if not _is_elsewhere(family, key, units)), None)
         if not family.key and len(family.rows) > 1 and len(family.files) == 1:
-            family.key = _key(family.rows, folders, are_rows=True) or _number(family.rows, units)
+            keys = _keys(family.rows, folders, are_rows=True)
+            family.key = next(iter(keys), None) or _number(family.rows, units)
         if len(family.files) == 1 and family.key and "*" not in family.template:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
@@ -182,136 +182,127 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
 
 
 class _Places:
-    """Templates of tables by their places beside the recordings."""
+    """Templates of tables by their places: each is of the recording most like it.
+
+    That is the one with most parts of the table's path in its own, in their order.
+    """
 
     def __init__(self, units: Units) -> None:
         self.units = units
-        self._exact: dict[tuple[Parts, str], Parts] = {}
-        self._prefix: dict[tuple[Parts, str], Parts] = {}
-        self._near: dict[tuple[Parts, str], Parts] = {}
-        self._alike: dict[tuple[Parts, str, str], Parts] = {}
-        self._named: dict[tuple[Parts, str], tuple[Parts, Parts | None]] = {}
-        self._part: dict[tuple[Parts, str], tuple[str, Parts]] = {}
-        self._mirror: dict[tuple[Parts, Parts, str], Parts] = {}
-        self._joint: dict[str, Parts] = {}
-        self._inside: dict[Parts, list[Parts]] = {}
-        self._below: dict[Parts, Parts] = {}
-        self._images: dict[Parts, frozenset[str]] = {}
-        names = {parts: self._name(parts) for parts in units.files}
-        first = {
-            name.removesuffix(name_rest(name)).rstrip(_BETWEEN).lower() for name in names.values()
+        self._root: Parts = tuple(_common([parts[:-1] for parts in units.files]))
+        self._images = {
+            parts: {path.stem for path in paths}
+            for parts, paths in units.files.items()
+            if units.each == "sequence"
         }
-        # what follows any other first word may be of another recording
-        is_of_rest = len(first) == 1 or first <= SIDE_NAMES
-        self._shared = len(_common([parts[:-1] for parts in units.files]))
-        for parts, paths in units.files.items():
-            stem = names[parts]
-            if is_of_rest and (rest := name_rest(stem)):
-                self._part.setdefault((parts[:-1], rest), ("{rest}", parts))
-            prefix = name_prefix(stem)
-            if prefix and stem[len(prefix) :].strip(_BETWEEN).lower() in SIDE_NAMES | {"after"}:
-                self._part.setdefault((parts[:-1], prefix), ("{prefix}", parts))
-            self._exact.setdefault((parts[:-1], stem), parts)
-            self._prefix.setdefault((parts[:-1], prefix), parts)
-            for depth in range(len(parts)):
-                self._near.setdefault((parts[:depth], stem), parts)
-            for depth in range(len(parts) - 1):
-                self._mirror.setdefault((parts[:depth], parts[depth + 1 : -1], stem), parts)
-                self._alike.setdefault((parts[:depth], parts[-2], stem), parts)
-            for place, name in ((parts, stem), (parts[:-1], "".join(parts[-2:-1]))):
-                for depth in range(len(place)):
-                    key = parts[:depth], name
-                    if self._named.setdefault(key, (place, parts))[0] != place:
-                        self._named[key] = place, None
-            for mark in _MARKS if len(parts) > 1 else "":
-                self._joint.setdefault(f"{parts[-2]}{mark}{stem}", parts)
-            self._inside.setdefault(parts[:-1], []).append(parts)
-            inside = parts if units.each == "sequence" else parts[:-1]
-            for depth in range(len(inside) + 1):
-                self._below.setdefault(inside[:depth], parts)
-            if units.each == "sequence":
-                self._images[parts] = frozenset(path.stem for path in paths)
+        self._ends = self._ends_of_all()
+        self._found: dict[Parts, Parts] = {}
+        own = {parts: parts[len(self._root) : -1] for parts in units.files}
+        # the beginning of a path before other parts of it, and whole names before parts of them
+        for parts, folders in own.items():
+            for depth in range(len(folders) + 2):
+                self._found.setdefault((*folders, self._name(parts))[:depth], parts)
+        for place in range(3):
+            for parts, folders in own.items():
+                for end in [*self._ends[parts]][place : place + 1]:
+                    for some in _subsets(folders):
+                        self._found.setdefault(some, parts)
+                        self._found.setdefault((*some, end), parts)
 
     def _name(self, unit: Parts) -> str:
         last = unit[-1] if unit else ""
         return last if self.units.each == "sequence" else PurePath(last).stem
 
+    def _ends_of_all(self) -> dict[Parts, dict[str, str]]:
+        """What tables may have of the name of each recording, with the word for it."""
+        names = {parts: self._name(parts) for parts in self.units.files}
+        first = {name.removesuffix(name_rest(name)).rstrip(_BETWEEN) for name in names.values()}
+        # what follows any other first word may be of another recording
+        is_of_rest = len(first) == 1 or {word.lower() for word in first} <= SIDE_NAMES
+        several = len({*map(name_prefix, names.values())}) > 1 and self.units.each != "touch"
+        found: dict[Parts, dict[str, str]] = {}
+        for parts, name in names.items():
+            ends = found.setdefault(parts, {name: "{stem}"})
+            prefix, rest = name_prefix(name), name_rest(name)
+            last = name[len(prefix) :].strip(_BETWEEN).lower()
+            if prefix and (several or last in SIDE_NAMES | {"after"}):
+                ends.setdefault(prefix, "{prefix}")
+            if rest and is_of_rest:
+                ends.setdefault(rest, "{rest}")
+        return found
+
     def of(self, table: PurePath) -> tuple[str, Parts]:
         """Template of a table, and one of its recordings."""
         folder, stem = table.parts[:-1], table.stem
-        inside = next(i for i in range(len(folder), -1, -1) if folder[:i] in self._below)
-        below = self._below[folder[:inside]]
-        if self.units.each == "sequence":
-            # a file per image: {file}/*.json
-            for of in (folder, below):
-                if stem in self._images.get(of, ()) and table.suffix.lower() in RECORDS:
-                    return f"{self._folder(folder, of)}/*{table.suffix}".lstrip("/"), of
-        unit = self._exact.get((folder, stem)) or self._exact.get((folder[:-1], stem))
-        if unit is None:
-            beside = [one for one in self._inside.get(folder, ()) if _starts(stem, self._name(one))]
-            depths = range(len(folder), -1, -1)
-            levels = range(len(folder) - 1, -1, -1)
-            mirror = (self._mirror.get((folder[:i], folder[i + 1 :], stem)) for i in levels)
-            alike = (self._alike.get((folder[:i], folder[-1], stem)) for i in depths if folder)
-            near = (self._near.get((folder[:i], stem)) for i in depths)
-            unit = max(beside, key=len, default=None)
-            unit = unit or next(filter(None, chain(mirror, alike, near)), None)
-            unit = unit or self._joint.get(stem)
-        prefix = name_prefix(stem)
-        if unit is None and self.units.each == "video" and prefix:
-            unit = self._prefix.get((folder, prefix))
-            if unit is not None:
-                stem = "{prefix}" + stem[len(prefix) :]
-        for text in (stem, prefix, name_rest(stem)) if unit is None else ():
-            if text and (found := self._part.get((folder, text))):
-                word, unit = found
-                stem = word.join(stem.rsplit(text, 1))
-                break
-        if unit is None:  # as in touch/trial_1 and vision/trial_1
-            names = (stem, *reversed(folder[inside:]))
-            named = (self._named.get((folder[:inside], name)) for name in names)
-            unit = next((one[1] for one in named if one and one[1]), below)
-        name = self._name(unit)
-        above = unit[-2] if len(unit) > 1 else ""
-        if unit and _starts(stem, name):
-            stem = "{stem}" + stem[len(name) :]
-        elif above and stem in (joint := {f"{above}{mark}{name}": mark for mark in _MARKS}):
-            stem = f"{{folder}}{joint[stem]}{{stem}}"
-        elif _starts(stem, above):
-            stem = "{folder}" + stem[len(above) :]
-        inner = self._folder(folder, unit)
-        return (f"{inner}/" if inner else "") + stem + table.suffix, unit
+        if self.units.each == "sequence" and table.suffix.lower() in RECORDS:
+            unit, at = self._most_alike(folder, "")
+            if stem in self._images[unit]:  # a file per image
+                return f"{self._folder(folder, unit, at)}/*{table.suffix}".lstrip("/"), unit
+        unit, at = self._most_alike(folder, stem)
+        inner = self._folder(folder, unit, at)
+        return (f"{inner}/" if inner else "") + self._stem(stem, unit) + table.suffix, unit
 
-    def _folder(self, folder: Parts, unit: Parts) -> str:
+    def _most_alike(self, folder: Parts, stem: str) -> tuple[Parts, dict[int, int]]:
+        """The recording with most parts of a path, and the places of folders in its own."""
+        start = len(_common([folder, self._root]))
+        inside = folder[start:]
+        ways = [(*inside, *way) for way in _ways(stem)]
+        for size in range(len(inside) + 2, -1, -1):
+            for parts in ways:
+                for some in combinations(range(len(parts)), size):
+                    unit = self._found.get(tuple(parts[i] for i in some))
+                    if unit is None:
+                        continue
+                    at, end = {i: i for i in range(start)}, len(unit)
+                    path = (*unit[:-1], self._name(unit)) if unit else ()
+                    for i in reversed([i for i in some if i < len(inside)]):
+                        end = next(j for j in range(end - 1, -1, -1) if path[j] == parts[i])
+                        at[start + i] = end
+                    return unit, at
+        raise AssertionError("a recording has no parts in common with any path")
+
+    def _stem(self, stem: str, unit: Parts) -> str:
+        """Name of a table, with those of its recording in braces."""
+        above = unit[-2] if len(unit) > 1 else ""
+        for text, word in self._ends[unit].items():
+            if _starts(stem, text):
+                return word + stem[len(text) :]
+            joint = {f"{above}{mark}{text}": mark for mark in _MARKS if above}
+            if stem in joint:
+                return f"{{folder}}{joint[stem]}{word}"
+            # a number may count anything
+            if text and name_rest(stem) == text and (word == "{rest}" or not text.isdecimal()):
+                return stem.removesuffix(text) + word
+        return "{folder}" + stem[len(above) :] if _starts(stem, above) else stem
+
+    def _folder(self, folder: Parts, unit: Parts, at: Mapping[int, int]) -> str:
         """Folder of a table, with the names of the folders of a recording in braces."""
         if self.units.each == "sequence" and folder == unit:
             return "{file}" if folder else ""
+        words = {len(unit) - 3: "{parent}", len(unit) - 2: "{folder}", len(unit) - 1: "{stem}"}
+        out = [words.get(at[i], part) if i in at else part for i, part in enumerate(folder)]
         common = len(_common([folder, unit[:-1]]))
-        if self._shared < min(common, len(unit) - 3):  # deeper than the names of two folders tell
-            up = [".."] * (len(unit) - 1 - common)
-            below = [self._braced(part, unit) for part in folder[common:]]
-            return "/".join(["{above}", *up, *below])
-        words = {len(unit) - 2: "{folder}", len(unit) - 3: "{parent}"}
-        # tables in a tree like that of the recordings have their folders from its root on
-        is_like = len(folder) == len(unit) - 1
-        out = [
-            words.get(i, part)
-            if folder[: i + 1] == unit[: i + 1] or (is_like and folder[i:] == unit[i:-1])
-            else part
-            for i, part in enumerate(folder)
-        ]
-        for i, part in enumerate(out):
-            if part == folder[i] and unit[-2:-1] == (part,):
-                out[i] = "{folder}"
-            if folder[i] == self._name(unit) and (i == len(out) - 1 or out[i] == part):
-                out[i] = "{stem}"
+        if len(self._root) < min(common, len(unit) - 3):  # deeper than these words tell
+            out = ["{above}", *[".."] * (len(unit) - 1 - common), *out[common:]]
         return "/".join(out)
 
-    def _braced(self, part: str, unit: Parts) -> str:
-        """A folder of a table, in braces if it has the name of a recording or of its folder."""
-        if unit and part == self._name(unit):
-            return "{stem}"
-        return "{folder}" if len(unit) > 1 and part == unit[-2] else part
+
+def _subsets(parts: Parts) -> Iterator[Parts]:
+    return chain.from_iterable(combinations(parts, size) for size in range(len(parts) + 1))
+
+
+def _ways(stem: str) -> list[Parts]:
+    """The parts of a path that the name of a table may be.
+
+    Example:
+        >>> _ways("mug_1_ft")
+        [('mug_1_ft',), ('mug_1',), ('mug',), ('mug', '1_ft'), ('mug_1', 'ft'), ('1_ft',)]
+    """
+    marks = [*re.finditer(r"[_.\- ]+", stem)]
+    starts = [(stem[: mark.start()],) for mark in reversed(marks)]
+    pairs = [(stem[: mark.start()], stem[mark.end() :]) for mark in marks]
+    rest = [(name_rest(stem),)] if marks else []
+    return [(stem,), *starts, *pairs, *rest]
 
 
 def _common(folders: Sequence[Parts]) -> Sequence[str]:
@@ -437,9 +428,9 @@ def _joint_key(family: Family, units: Units) -> str | None:
     return None
 
 
-def _is_elsewhere(family: Family, units: Units) -> bool:
+def _is_elsewhere(family: Family, key: str, units: Units) -> bool:
     """Whether rows name images in other folders, here or on another machine."""
-    cells = [row[str(family.key)].replace("\\", "/") for row in family.rows]
+    cells = [row[key].replace("\\", "/") for row in family.rows]
     if "*" in family.template or Path(cells[0]).exists():
         return False
     paths = [path.relative_to(units.root).as_posix() for of in units.files.values() for path in of]
@@ -486,14 +477,15 @@ def _number(rows: Cells, units: Units) -> str | None:
     return None
 
 
-def _key(rows: Cells, names: set[str], are_rows: bool = False) -> str | None:
-    """Column with the names of files, with ``are_rows`` another in each row; None without one."""
+def _keys(rows: Cells, names: set[str], are_rows: bool = False) -> list[str]:
+    """Columns with the names of files; with ``are_rows`` another in each row."""
     if len(rows) == 1:  # "digit", beside digit.mp4, is a word of its own
         names = {name for name in names if "." in name}
+    keys = []
     for title in rows[0]:
         cells = [row[title] for row in rows if stated(row[title])]
         found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}
         # each once: zeros are not names
         if cells and len(found) >= _ABOUT * len(rows if are_rows else cells):
-            return title
-    return None
+            keys.append(title)
+    return keys

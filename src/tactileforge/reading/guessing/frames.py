@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,10 @@ from tactileforge.reading.sides import SIDE_NAMES
 #: that between images in another order; and the same of means of 8 x 8 pixels. Takes of a sensor
 #: have .1 to .4, more with noise in single pixels, still touches about 1, on a grid of places .6.
 _COMPARED, _SMOOTH, _SMOOTH_AREAS = 24, 0.6, 0.4
+#: Fewest pictures of a recording.
+_FEWEST = 3
+#: Width over height from which a picture may show two sensors.
+_WIDE = 2
 
 
 def guess_white(part: Part) -> dict[str, Any]:
@@ -63,14 +67,23 @@ def guess_frames(part: Part) -> dict[str, Any]:
     Args:
         part: The files; gets the lines to be checked.
     """
-    doubts, pattern = part.doubts, pattern_of(part)
+    doubts, pattern, white = part.doubts, pattern_of(part), part.layout.get("white")
     if part.media[0].suffix.lower() in VIDEOS:
         return {"videos": pattern}
     if is_stack(part.media[0]):
+        if len(part.media) == 1:
+            doubts.append(
+                f"each: {part.media[0].name} is taken for one film; if each of its pictures is a "
+                "touch of its own: each: touch, background: none"
+            )
         doubts.append(f"fps: {ASSUMED_FPS} is assumed, a stack tells no times")
         return {"videos": pattern, "fps": ASSUMED_FPS}
     images, prefixes = _recording(part.media)
-    if not _follow_each_other(images, part.layout.get("white")):
+
+    def read(rows: Sequence[int]) -> NDArray[np.uint8]:
+        return ImageFrames([images[i] for i in rows], white=white).read(range(len(rows)))
+
+    if not is_film(read, len(images)):
         doubts.append("each: neighboring images differ, so each is taken for a touch of its own")
         return {"images": pattern, "each": "touch"}
     layout: dict[str, Any] = {"images": pattern, "each": "sequence"}
@@ -115,16 +128,20 @@ def _told_apart(folders: Mapping[tuple[Path, str], Sequence[Path]]) -> list[str]
     return [*shown[:2], "others"] if len(shown) > 2 else shown
 
 
-def _follow_each_other(images: Sequence[Path], white: float | None) -> bool:
-    """Whether images change less from one to the next than in another order."""
-    if len(images) < 3:
+def is_film(read: Callable[[Sequence[int]], NDArray[np.uint8]], count: int) -> bool:
+    """Whether pictures change less from one to the next than in another order.
+
+    Args:
+        read: Function from numbers of pictures to these; may raise an error of the framework.
+        count: Number of pictures.
+    """
+    if count < _FEWEST:
         return False
-    # pairs spread over all images: nothing may move in the first ones
-    starts = spread_rows(len(images) - 1, min(_COMPARED // 2, len(images) - 1))
+    # pairs spread over all of them: nothing may move in the first ones
+    starts = spread_rows(count - 1, min(_COMPARED // 2, count - 1))
     chosen = sorted({*starts, *(start + 1 for start in starts)})
     try:
-        paths = [images[i] for i in chosen]
-        pictures = ImageFrames(paths, white=white).read(range(len(chosen)))
+        pictures = read(chosen)
     except TactileForgeError:
         return False
     # every eighth pixel: neighbours say nearly the same, and a guess is for the whole picture
@@ -169,14 +186,25 @@ def boxes_of(path: Path, white: float | None) -> list[Box]:
         return []
 
 
-def guess_crops(boxes: Sequence[Box], sensor: str, doubts: list[str]) -> dict[str, Any]:
+def guess_crops(
+    boxes: Sequence[Box], shape: tuple[int, int], sensor: str, doubts: list[str]
+) -> dict[str, Any]:
     """Guess the keys of the tiles of composite pictures; {} for none.
 
     Args:
         boxes: The tiles.
+        shape: Height and width of a picture.
         sensor: Type of the sensor of the picture.
         doubts: Lines, added to.
     """
+    height, width = shape
+    if not boxes and width >= _WIDE * height:
+        half = width // 2
+        doubts.append(
+            f"crops: pictures of {height} x {width} are taken for one sensor; if they show two, "
+            f"side by side: crops: {{left: {{box: [0, 0, {half}, {height}]}}, "
+            f"right: {{box: [{half}, 0, {half}, {height}]}}}}"
+        )
     if not boxes:
         return {}
     rows, columns = (len({box[axis] for box in boxes}) for axis in (1, 0))

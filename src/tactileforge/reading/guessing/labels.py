@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -19,19 +21,29 @@ from tactileforge.reading.guessing.columns import (
     doubt_key,
     force_columns,
     is_constant,
+    named_columns,
     time_column,
 )
 from tactileforge.reading.guessing.families import (
     Family,
     Units,
     fits,
+    is_for_all,
 )
 from tactileforge.reading.guessing.force_headers import FORCE
+from tactileforge.reading.guessing.frames import is_film
+from tactileforge.reading.guessing.media import Part, open_media
 from tactileforge.reading.guessing.sensor_names import named_sensor
+from tactileforge.reading.guessing.view_words import FINGERS, VIEWS
 from tactileforge.reading.records import RECORDS, conversion
+from tactileforge.reading.sides import SIDE_NAMES
+from tactileforge.reading.splits import SPLIT_OF_FOLDER
 from tactileforge.reading.tables import read_cells
 from tactileforge.reading.templates import template_columns
+from tactileforge.reading.trial_rows import RECORDING_WORDS
+from tactileforge.reading.trials import VERSIONS
 from tactileforge.specs.published import spec
+from tactileforge.util.untrusted import dump_yaml
 
 _FPS = re.compile(r"(?:camera[_.])?(?:fps|frame_?rate|frames_per_second|rate_hz|hz)")
 #: Unit of forces, as ``force_unit`` or ``units.force``, or that of all values.
@@ -47,6 +59,15 @@ _NAMED = (("object", OBJECT), ("object", OBJECT_NUMBER), ("text", TEXT))
 _DAMAGED = 5
 #: Largest relative difference of two rates that are the same.
 _AS_FAST = 0.01
+#: Words before a number that count recordings, images or sensors.
+_COUNTED = re.compile(
+    rf"{RECORDING_WORDS}|ep|traj|rollout|frame|file|f|sample|day|session|user|v|t|[cd]|"
+    "sensor|device|ch|channel|port|gripper|hand|arm|gel|tac|tactile"
+)
+#: Names of arrays of the classes of pictures.
+_CLASSES = re.compile(
+    rf"(?:.*[_.-])?(?:y|labels?|class(?:es)?|objects?|targets?)(?:[_.-](?:{'|'.join(SPLIT_OF_FOLDER)}))?"
+)
 #: Columns of an unread table that are told.
 _SHOWN = 8
 
@@ -90,11 +111,47 @@ def guess_labels(
     if best is None:
         return _other_columns(found, doubts)
     _, keys, family = best
-    named = " and ".join(name for name in keys if name not in ("labels", "words"))
+    _add_split(keys, family, doubts)
+    named = " and ".join(name for name in keys if name not in ("labels", "words", "hold_out"))
     doubts.append(f"labels: {named} by {family.template}")
     if family.key and template_columns(family.key):
         doubt_key(family, family.key, doubts)
     return keys, [family]
+
+
+def guess_classes(
+    part: Part, found: Sequence[Family], units: Units
+) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the keys of objects of single touches in an array, and their family of tables.
+
+    An array is taken for a film unless its pictures and their classes both change at random.
+
+    Args:
+        part: The files; gets the key of single touches, and the lines to be checked.
+        found: Families of tables.
+        units: The recordings.
+    """
+    for family in found:
+        column = family.column(OBJECT) or family.column(OBJECT_NUMBER)
+        if [*family.rows[0]] == ["0"] and _CLASSES.fullmatch(family.files[0].stem.lower()):
+            column = "0"
+        cells = [row[column] for row in family.rows] if column else []
+        changes = sum(one != other for one, other in pairwise(cells))
+        is_each = len(cells) == units.count >= 2 * len({*cells}) and 3 * changes > len(cells)
+        if not is_each or not is_for_all(family, units):
+            continue
+        film = open_media(part.media[0], part.layout.get("white"))
+        if film is None or is_film(film.read, len(film)):
+            continue
+        part.forget("each", "fps")
+        part.layout["each"] = "touch"
+        part.doubts += [
+            "each: neighboring pictures and their classes differ, so each is taken for a touch of "
+            "its own",
+            f"labels: object by {family.template}, a row for each picture",
+        ]
+        return {"labels": {"file": family.template}, "object": f"{{{column}}}"}, [family]
+    return {}, []
 
 
 def _names_folders(family: Family, units: Units) -> bool:
@@ -120,8 +177,20 @@ def _other_columns(
             doubts.append(f"labels: {', '.join(columns[:5])} by {family.template}")
             if template_columns(family.key):
                 doubt_key(family, family.key, doubts)
-            return {"labels": {"file": family.template, "key": family.key}}, [family]
+            keys = {"labels": {"file": family.template, "key": family.key}}
+            _add_split(keys, family, doubts)
+            return keys, [family]
     return {}, []
+
+
+def _add_split(keys: dict[str, Any], family: Family, doubts: list[str]) -> None:
+    """Add what a column of splits (``train``, ``test``) holds out."""
+    for title in family.rows[0]:
+        sides = {row[title]: SPLIT_OF_FOLDER.get(row[title].lower(), "") for row in family.rows}
+        if {*sides.values()} == {"train", "val"}:
+            keys["hold_out"] = f"{{{title}}}"
+            keys["words"] = keys.get("words", {}) | {title: sides}
+            doubts.append(f"hold_out: what {title} of {family.template} says")
 
 
 def _names_pictures(family: Family, column: str) -> bool:
@@ -234,6 +303,54 @@ def unread_words(family: Family, layout: Mapping[str, Any], doubts: list[str]) -
         )
 
 
+def words_in_names(units: Iterable[Sequence[str]], layout: Mapping[str, Any]) -> list[str]:
+    """Line about words that tell recordings of one folder apart; [] without any.
+
+    Args:
+        units: Paths of the recordings.
+        layout: Keys that are read.
+    """
+    names = [PurePath(unit[-1]).stem if "." in unit[-1] else unit[-1] for unit in units if unit]
+    for mark in "_- ":
+        parts = [name.split(mark) for name in names]
+        if {*map(len, parts)} <= {0, 1} or len({*map(len, parts)}) > 1:
+            continue
+        for place, column in enumerate(zip(*parts, strict=True), 1):
+            words = sorted({*column})
+            if 1 < len(words) <= len(names) / 2 and not any(map(_tells_no_object, words)):
+                made = written_labels(
+                    layout, "word", f'$(basename "${{f%.*}}" | cut -d"{mark}" -f{place})'
+                )
+                return [
+                    f"object: names have words ({', '.join(words[:3])}), which are not read; a "
+                    f"table of them is (object for word, if they name it): {made}"
+                ]
+    return []
+
+
+def _tells_no_object(word: str) -> bool:
+    """Whether a part of a name counts, or tells a recording or sensor of several."""
+    plain = word.lower().strip("0123456789.")
+    known = SIDE_NAMES | SPLIT_OF_FOLDER.keys() | VERSIONS | FINGERS | VIEWS
+    return not plain or plain in known or bool(_COUNTED.fullmatch(plain) or named_sensor(plain))
+
+
+def written_labels(layout: Mapping[str, Any], column: str, value: str) -> str:
+    """A command that writes a table of labels from the names of files.
+
+    Args:
+        layout: Keys of the files.
+        column: Name of the column.
+        value: Cell of the file ``$f``, for a shell.
+    """
+    patterns = layout.get("videos") or layout["images"]
+    patterns = [patterns] if isinstance(patterns, str) else patterns
+    if layout.get("each") == "sequence":
+        patterns = dict.fromkeys(one.rpartition("/")[0] for one in patterns)
+    made = f'echo file,{column}; for f in {" ".join(patterns)}; do echo "$f,{value}"; done'
+    return f"({made}) > labels.csv"
+
+
 def force_in_names(media: Sequence[Path], root: Path) -> list[str]:
     """Line about forces in the names of files; [] without any.
 
@@ -270,23 +387,35 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
             lines.append(f"labels: {first}{more} left out: {conversion(root / first)}")
             continue
         columns = _columns(root / first)
+        if columns and (named := named_columns(columns)).force[2]:
+            force = {"file": first, "columns": [*named.force]}
+            force |= {"times": named.times} if named.times else {}
+            lines.append(
+                f"force: {first}{more} left out: other tables have the forces, or it is of no "
+                f"recording by its name; else: {pasted(force)}"
+            )
+            continue
+        said = ", ".join([*columns[:_SHOWN], *["others"] * (len(columns) > _SHOWN)])
         lines.append(
             f"labels: {first}{more} left out, since no force of a known frame, time or image, and "
-            f"no name of an object was seen{columns and ' in '}{columns}; give force: or labels: "
+            f"no name of an object was seen{said and ' in '}{said}; give force: or labels: "
             "of the layout, if it has some, or tracks: for other numbers of frames"
         )
     return lines
 
 
-def _columns(path: Path) -> str:
-    """The first columns of a table as words; "" for one without names or that cannot be read."""
+def pasted(force: Mapping[str, Any]) -> str:
+    """The key ``force`` of a layout as it is written there, in one line."""
+    return dump_yaml({"force": force}, default_flow_style=True, width=math.inf).strip()[1:-1]
+
+
+def _columns(path: Path) -> list[str]:
+    """Names of the columns of a table; [] for one without names or that cannot be read."""
     try:
         rows = read_cells(path, [])
     except TactileForgeError:
-        return ""
-    names = [name for name in rows[0][1] if not name.isdecimal()] if rows else []
-    more = len(names) > _SHOWN
-    return ", ".join([*names[:_SHOWN], *["others"] * more])
+        return []
+    return [name for name in rows[0][1] if not name.isdecimal()] if rows else []
 
 
 def _damage(path: Path) -> str:

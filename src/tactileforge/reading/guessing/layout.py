@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from tactileforge.data.frames.companions import is_companion
 from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.reading.guessing.frames import guess_frames
 from tactileforge.reading.guessing.labels import left_out
+from tactileforge.reading.guessing.lists import lists_of_splits
 from tactileforge.reading.guessing.media import VIDEOS, Part, of_endings, stacks, stills_among
 from tactileforge.reading.guessing.part import NOTES, TABLES, add_camera, guess_part
 from tactileforge.reading.guessing.patterns import pattern_of
@@ -69,6 +70,11 @@ def guess_layout(root: Path) -> Guess | None:
         guess_part(part)
         if views:
             add_camera(part, views)
+    # of few recordings in a list, folders may not say that they name objects
+    by_folder = [o for x in parts if (o := x.layout.get("object")) in ("{folder}", "{parent}")]
+    for part in parts if by_folder else ():
+        if part.listed:
+            part.layout.setdefault("object", by_folder[0])
     layouts = {re.sub(r"\W+", "_", part.folder) or "guessed": part.layout for part in parts}
     doubts = [
         f"{part.folder}: {line}" if part.folder else line for part in parts for line in part.doubts
@@ -170,9 +176,21 @@ def _parts(
     folders = _by_sensors(root, touches)
     if [*folders] == [""]:
         folders = _by_backgrounds(root, touches, media, files) or folders
+    if [*folders] == [""] and (lists := lists_of_splits(files, touches, root)):
+        owns = {word: [*own] for word, (_, own) in lists.items()}
+        return [
+            Part(root, word, own, _without(files, owns, word), listed=lists[word][0])
+            for word, own in owns.items()
+        ]
     if [*folders] == [""]:
         folders = _by_sides(root, touches, files) or folders
     return [Part(root, folder, own, files) for folder, own in folders.items()]
+
+
+def _without(files: Sequence[Path], owns: Mapping[str, list[Path]], word: str) -> list[Path]:
+    """Files but those of the other lists."""
+    others = {path for other, own in owns.items() if other != word for path in own}
+    return [path for path in files if path not in others]
 
 
 def _by_sensors(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:

@@ -55,6 +55,7 @@ class Part:
         layout: Keys that are known.
         doubts: Lines to be checked.
         read: Tables that are read.
+        listed: Table with the names of the recordings of a split; None for none.
     """
 
     root: Path
@@ -64,6 +65,7 @@ class Part:
     layout: dict[str, Any] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
     read: set[Path] = field(default_factory=set)
+    listed: Path | None = None
 
     @property
     def units(self) -> Units:
@@ -110,10 +112,10 @@ def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Un
     files: dict[tuple[str, ...], list[Path]] = {}
     for path in media:
         unit = path.parent if each == "sequence" else path
+        if layout.get("recording") == "{prefix}":
+            unit /= name_prefix(path.stem)
         files.setdefault(unit.relative_to(root).parts, []).append(path)
     first = next(iter(files.values()))
-    if layout.get("recording") == "{prefix}":
-        first = [path for path in first if name_prefix(path.stem) == name_prefix(first[0].stem)]
     frames = open_media(first[0], layout.get("white")) if each == "video" else None
     count = len(frames) if frames is not None else len(first)
     own = getattr(frames, "times", None)
@@ -166,7 +168,7 @@ def stills_among(files: Sequence[Path], root: Path) -> set[Path]:
         root: Folder of them.
     """
     media = [path for path in files if path.suffix.lower() in VIDEOS | IMAGE_SUFFIXES]
-    found, beside = _before(media), dict[Path, set[str]]()
+    found, beside = _before(media, root), dict[Path, set[str]]()
     for path in media:
         folders = path.relative_to(root).parts[:-1]
         if BACKGROUND.search(path.stem.lower()) or any(map(_is_still_folder, folders)):
@@ -182,12 +184,13 @@ def stills_among(files: Sequence[Path], root: Path) -> set[Path]:
     return found if len(found) < len(media) else set()
 
 
-def _before(media: Sequence[Path]) -> set[Path]:
+def _before(media: Sequence[Path], root: Path) -> set[Path]:
     """Pictures before contact; none if one of them has no picture after it."""
-    befores = [path for path in media if _BEFORE.search(path.stem.lower())]
-    names = {(path.parent, path.name.lower()) for path in media if befores}
-    has_after = ((x.parent, _BEFORE.sub("after", x.name.lower())) in names for x in befores)
-    return {*befores} if all(has_after) else set()
+    names = {path.relative_to(root).as_posix().lower(): path for path in media}
+    befores = [name for name in names if _BEFORE.search(name)]
+    later = ("after", "during")
+    has_after = (any(_BEFORE.sub(word, name) in names for word in later) for name in befores)
+    return {names[name] for name in befores} if all(has_after) else set()
 
 
 def _is_still_folder(name: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -15,16 +15,18 @@ from tactileforge.reading.guessing.families import Family, Units, families, is_f
 from tactileforge.reading.guessing.frames import boxes_of, guess_crops, guess_frames, guess_white
 from tactileforge.reading.guessing.labels import (
     force_in_names,
+    guess_classes,
     guess_labels,
     guess_shared,
     unread_words,
+    words_in_names,
+    written_labels,
 )
 from tactileforge.reading.guessing.media import VIDEOS, Part, names_still, of_endings, open_media
 from tactileforge.reading.guessing.patterns import pattern_of
 from tactileforge.reading.guessing.rate import guess_rate
 from tactileforge.reading.guessing.sensor_names import guess_sensor, named_sensor
 from tactileforge.reading.guessing.tables import guess_apart, guess_force, guess_times, guess_tracks
-from tactileforge.reading.guessing.tiles import Box
 from tactileforge.reading.guessing.view_words import NO_VIEW, says_touch, words_of
 from tactileforge.reading.records import RECORDS, sheets
 from tactileforge.reading.series import names_of
@@ -68,8 +70,9 @@ def guess_part(part: Part) -> None:
     layout |= guess_white(part)
     layout |= guess_frames(part)
     boxes = boxes_of(part.media[0], layout.get("white"))
-    layout |= _sensor(part, boxes)
-    layout |= guess_crops(boxes, layout["sensor"], doubts)
+    shape = _shape(part)
+    layout |= _sensor(part, (boxes[0][3], boxes[0][2]) if boxes else shape)
+    layout |= guess_crops(boxes, shape, layout["sensor"], doubts)
     units = part.units
     found = _families(part, units)
     used = _shared(part, found, units)
@@ -82,13 +85,22 @@ def guess_part(part: Part) -> None:
     times, is_dated = guess_times(found, units, doubts, column)
     units = replace(units, is_dated=is_dated)
     force, of_force = guess_force(found, units, doubts)
-    labels, of_labels = guess_labels(apart or found, units, doubts)
+    labels: dict[str, Any] = {}
+    if is_stack(part.media[0]):
+        if times or "times" in force.get("force", {}):
+            part.forget("each")
+        elif not part.listed:
+            labels, of_labels = guess_classes(part, found, units)
+    if not labels:
+        labels, of_labels = guess_labels(apart or found, units, doubts)
+    if part.listed:
+        labels, of_labels = _listed(part, found, labels, of_labels)
     if column:
         labels = {"labels": {"file": apart[0].template, "key": apart[0].key}} | labels
     if times:
         part.forget("fps")
     layout |= times | _background(part) | force
-    of_films = "videos" in layout and not layout.keys() & {"times", "fps"}
+    of_films = "videos" in layout and not layout.keys() & {"times", "fps", "each"}
     if force and (part.assumes_rate or of_films) and "recording" not in layout:
         guess_rate(part, of_force[0], force["force"])
     if "sensor" in labels:
@@ -104,8 +116,10 @@ def guess_part(part: Part) -> None:
             unread_words(family, layout, doubts)
     if "object" not in layout:
         layout |= _object(part)
-    folders = {word.lower() for path in part.media for word in path.relative_to(part.root).parts}
-    if len(versions := sorted(VERSIONS & folders)) > 1:
+    if not layout.keys() & {"object", "labels", "recording"}:
+        doubts += words_in_names(part.units.files, layout)
+    words = (words_of(path.relative_to(part.root).as_posix()) for path in part.media)
+    if len(versions := sorted(VERSIONS.intersection(chain.from_iterable(words)))) > 1:
         doubts.append(
             f"{next(iter(layout))}: {' and '.join(versions)} may be the same recordings, and each "
             "is read; give the pattern of one"
@@ -128,6 +142,18 @@ def _families(part: Part, units: Units) -> list[Family]:
     for family in found:
         family.side = part.side
     return found
+
+
+def _listed(
+    part: Part, found: Sequence[Family], labels: dict[str, Any], used: list[Family]
+) -> tuple[dict[str, Any], list[Family]]:
+    """Keys of labels of the list of a split, and its family."""
+    own = next((one for one in found if one.files == [part.listed] and one.key), None)
+    if own is None or (labels and labels["labels"]["file"] != own.template):
+        part.doubts.append(f"hold_out: the list {part.listed} is not read beside other labels")
+        return labels, used
+    part.doubts.append(f"hold_out: {own.template} names the recordings for {part.folder}")
+    return {**labels, "labels": {"file": own.template, "key": own.key, "only": True}}, [own]
 
 
 def _shared(part: Part, found: Sequence[Family], units: Units) -> list[Family]:
@@ -167,22 +193,21 @@ def _background(part: Part) -> dict[str, Any]:
     return found
 
 
-def _sensor(part: Part, boxes: Sequence[Box]) -> dict[str, Any]:
+def _shape(part: Part) -> tuple[int, int]:
+    """Height and width of the first readable picture; 1 and 1 without any."""
+    media = islice(part.media, _OPENED)
+    opened = (open_media(path, part.layout.get("white")) for path in media)
+    return next((frames.shape for frames in opened if frames is not None), (1, 1))
+
+
+def _sensor(part: Part, shape: tuple[int, int]) -> dict[str, Any]:
     """Key of the type of the sensor."""
     place = part.media[0].relative_to(part.root).parts
     if part.folder and (sensor := named_sensor(part.folder)):
         what = "the folder" if part.folder in place[:-1] else "the file"
         part.doubts.append(f"sensor: {sensor}, by the name of {what}")
         return {"sensor": sensor}
-
-    def shape() -> tuple[int, int]:
-        if boxes:
-            return boxes[0][3], boxes[0][2]
-        media = islice(part.media, _OPENED)
-        opened = (open_media(path, part.layout.get("white")) for path in media)
-        return next((frames.shape for frames in opened if frames is not None), (1, 1))
-
-    return guess_sensor("_".join([part.root.name, *place]), shape, part.doubts)
+    return guess_sensor("_".join([part.root.name, *place]), lambda: shape, part.doubts)
 
 
 def add_camera(part: Part, views: Sequence[Path]) -> None:
@@ -233,7 +258,7 @@ def _object(part: Part) -> dict[str, Any]:
     """Key of objects by folder."""
     above = {path.parent for path in part.media} - {part.root}
     if part.layout.get("each") != "touch":
-        return _object_of_takes(part.units, part.doubts)
+        return _object_of_takes(part.units, part.layout, part.doubts)
     if len(above) < 2:
         return {}
     if all(_VALUE.fullmatch(path.name) for path in above):
@@ -249,7 +274,7 @@ def _object(part: Part) -> dict[str, Any]:
     return {"object": "{parent}" if is_sensor else "{folder}"}
 
 
-def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
+def _object_of_takes(units: Units, layout: Mapping[str, Any], doubts: list[str]) -> dict[str, Any]:
     """Key of the object, by folders with words for names and several recordings in each.
 
     A folder above those of numbered trials is the object's with one trial as well.
@@ -275,10 +300,10 @@ def _object_of_takes(units: Units, doubts: list[str]) -> dict[str, Any]:
     ):
         return {}
     if all(map(_OUTCOME.fullmatch, of_folder)):
+        made = written_labels(layout, "outcome", '$(basename "$(dirname "$f")")')
         doubts.append(
             f"object: folders are named by what came of it ({', '.join(sorted(of_folder)[:2])}), "
-            "not by objects; write it into a table with a row of each recording: labels: {file: "
-            "labels.csv, key: file}"
+            f"not by objects, and it is not read; a table of it is: {made}"
         )
         return {}
     if is_trial:

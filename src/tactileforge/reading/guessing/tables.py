@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactileforge.data.labels.clock import UNITS, date_unit
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
@@ -43,7 +44,7 @@ from tactileforge.reading.guessing.families import (
     without_table,
 )
 from tactileforge.reading.guessing.force_headers import axis_of
-from tactileforge.reading.guessing.labels import guess_unit
+from tactileforge.reading.guessing.labels import guess_unit, pasted
 from tactileforge.reading.guessing.numbers import (
     AXES,
     guess_sign,
@@ -56,13 +57,15 @@ from tactileforge.reading.split_times import nanoseconds_beside
 from tactileforge.reading.tables import read_cells, whole
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import recordings_of
+from tactileforge.reading.trials import trials_of
 from tactileforge.reading.written_names import by_ends
-from tactileforge.util.untrusted import dump_yaml
 
 #: Most tables that are looked at for rows after the last frame.
 _LOOKED_AT = 500
 #: Units in names of files: a single letter may be anything there.
 _FILE_UNIT = re.compile(r"(?<![a-z])(?:mn|kgf|gf|lbf|grams?|newtons?)(?![a-z])")
+#: Share of the largest normal force below which one is at rest.
+_REST = 0.25
 #: Ratios of the durations of forces and frames for one unit; the rate of frames may be assumed.
 _AS_LONG = 0.4, 10.0
 
@@ -182,7 +185,7 @@ def guess_force(
         columns = force_columns(family)
         if columns[2] is None:
             continue
-        if not (is_for_all(family, units) or lacking[id(family)]):
+        if not (is_for_all(family, units) or lacking[id(family)] or _is_log(family, units)):
             if family.is_own:
                 doubts.append(f"force: not every recording has its {family.template}; left out")
             continue
@@ -219,7 +222,10 @@ def guess_force(
         table |= {} if unit == "N" else {"unit": unit}
         said = "newton" if unit == "N" else unit
         if columns[2]:
-            table |= guess_sign(columns[2], numbers(family, columns[2]), doubts)
+            values = numbers(family, columns[2])
+            table |= guess_sign(columns[2], values, doubts)
+            if units.each != "touch" and not clock.keys() <= {"key"}:
+                doubts += _doubts_of(family, columns[2], values, units)
         along = AXES
         if columns[0] is columns[1] is None:
             along = f"{columns[2]} for the normal one, pressing positive; x and y are not known"
@@ -233,6 +239,35 @@ def guess_force(
         return {"force": table}, used
     _ask(found, units, doubts)
     return {}, []
+
+
+def _is_log(family: Family, units: Units) -> bool:
+    """Whether dates in a table of all recordings tell the rows of each."""
+    time = None if family.is_own else time_column(family)
+    return units.is_dated and time is not None and bool(date_unit(moments(family, time)))
+
+
+def _doubts_of(
+    family: Family, name: str, values: NDArray[np.float64], units: Units
+) -> Iterator[str]:
+    """Lines about a normal force away from 0, and about one table for several trials."""
+    sizes = np.abs(values[np.isfinite(values)])
+    if len(sizes) > 1 and sizes.min() > _REST * sizes.max():
+        yield (
+            f"force: {name} of {family.template} is never near 0 ({sizes.min():.3g} to "
+            f"{sizes.max():.3g}); if nothing touches in some of its rows, subtract their value"
+        )
+    sharing: dict[str, list[str]] = {}
+    for unit in units.files if family.is_own and not family.apart and not family.key else ():
+        sharing.setdefault(table_of(family, unit, units), []).append("/".join(unit))
+    for path, names in sharing.items():
+        if len({*trials_of([str(PurePath(one).with_suffix("")) for one in names])}) > 1:
+            yield (
+                f"force: {path} is taken for that of {names[0]} and of {names[1]}, each from its "
+                "first row on; if its rows are of one after the other, add a column with their "
+                "names"
+            )
+            return
 
 
 def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
@@ -311,11 +346,6 @@ def guess_tracks(
         doubts.append(f"tracks: {', '.join(columns)} of each frame by {family.template}")
         return {"tracks": {"file": family.template, **rows, "columns": columns}}, [family]
     return {}, []
-
-
-def pasted(table: Mapping[str, Any]) -> str:
-    """The key ``force`` of a layout as it is written there, in one line."""
-    return dump_yaml({"force": table}, default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
 def _partial(

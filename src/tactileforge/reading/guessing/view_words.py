@@ -246,7 +246,7 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
         name = path.relative_to(root).with_suffix("").as_posix()
         kinds.setdefault(re.sub(r"\d+(?![a-z\d])", "", name), []).append(path)
     words = {
-        kind: {*words_of(kind), *_joined(own[0].relative_to(root).with_suffix("").as_posix())}
+        kind: _meant(words_of(kind)) | _joined(own[0].relative_to(root).with_suffix("").as_posix())
         for kind, own in kinds.items()
     }
     same = set.intersection(*words.values()) if words else set()
@@ -294,7 +294,19 @@ def _parts(kind: str) -> Iterator[tuple[int, tuple[str, ...], frozenset[str]]]:
     """Place of each part of a path, the other parts, and its words."""
     parts = kind.split("/")
     for place, part in enumerate(parts):
-        yield place, (*parts[:place], *parts[place + 1 :]), frozenset(words_of(part))
+        yield place, (*parts[:place], *parts[place + 1 :]), frozenset(_meant(words_of(part)))
+
+
+def _meant(words: Iterable[str]) -> set[str]:
+    """Words, the one of each of several, and the kind of picture in a word of two.
+
+    Example:
+        >>> sorted(_meant(["contactmasks"]))
+        ['contactmask', 'contactmasks', 'mask']
+    """
+    one = {word.removesuffix("s") for word in words}
+    kinds = {"map": "heightmap", "mask": "mask"}
+    return {*words, *one, *(kinds[end] for end in kinds for word in one if word.endswith(end))}
 
 
 def _joined(name: str) -> set[str]:
