@@ -131,8 +131,8 @@ def filled(text: str) -> str:
     for name, table in blocks().items():
         head, mark, rest = text.partition(f"<!-- table: {name} -->\n\n")
         assert mark, name
-        after = re.sub(r"^(?:[|].*\n)*", "", rest)
-        text = f"{head}{mark}{table}\n{after}"
+        after = re.sub(r"^(?:[|].*\n)*\n*", "", rest)
+        text = f"{head}{mark}{table}\n\n{after}"
     return text
 
 

@@ -23,6 +23,7 @@ from made_files import make_files
 from warm import Warm
 
 from tactileforge.plugins import metadata
+from tactileforge.training.run_length import MACHINE
 from tactileforge.util.untrusted import load_yaml
 
 ROOT = Path(__file__).parents[1]
@@ -163,6 +164,20 @@ def _pages(nav: object) -> list[str]:
         return [nav]
     items = nav.values() if isinstance(nav, dict) else nav
     return [page for item in items for page in _pages(item)]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_tables_end_before_text(page: Path) -> None:
+    """Text in the line below a table would be drawn as one more row."""
+    prose = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.M | re.S)
+    assert re.findall(r"^[|].*\n(?![|]|\n|<!--)(.+)", prose, re.M) == []
+
+
+def test_the_page_names_what_a_resumed_run_may_change() -> None:
+    page = " ".join((ROOT / "docs/configuration.md").read_text("utf-8").split())
+    _, _, after = page.partition("with an unchanged configuration;")
+    named = after.partition("another machine.")[0]
+    assert [key for key in MACHINE if f".{key}=`" not in named] == []
 
 
 def test_the_menu_has_every_page_once() -> None:
