@@ -201,9 +201,17 @@ def covered(height: Height, relief: Height, finer: float = 1.0) -> Height:
 
 
 def worn(height: Height, radius: float) -> Height:
-    """A height with edges worn over a radius, mm: the mean of five places."""
+    """A height with edges worn over a radius, mm: the mean of five places.
+
+    No place loses more than the radius: else the middle of a thin part would be hollow.
+    """
     steps = radius * np.array([(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
-    return lambda x, y: np.asarray(np.mean([height(x + a, y + b) for a, b in steps], axis=0))
+
+    def rounded(x: Array, y: Array) -> Array:
+        near = [height(x + a, y + b) for a, b in steps]
+        return np.minimum(np.mean(near, axis=0), near[0] + radius)
+
+    return rounded
 
 
 def warped(height: Height, deviation: float, seed: int) -> Height:

@@ -111,7 +111,8 @@ def draw_instance(
         cones, lights = max(_STREAKED[0] * cones, _STREAKED[1]), _SIDES
     if lights and (cones or row["hot_spots"]):
         chance, spots = _chance(row, "stray light"), row["hot_spots"]
-        still += stray_light((height, width), lights, cones, spots, chance, streaks)
+        lines = _chance(row, "streaks") if streaks else None
+        still += stray_light((height, width), lights, cones, spots, chance, streaks, lines)
     still = still - row["haze"] * still.amin(0).clamp(min=0)
     still = _levelled(still, style, row)
     if row["balance"]:

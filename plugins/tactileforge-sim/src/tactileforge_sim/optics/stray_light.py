@@ -33,6 +33,7 @@ def stray_light(
     hot_spots: float,
     chance: torch.Generator,
     streaks: float = 0.0,
+    lines: torch.Generator | None = None,
 ) -> Tensor:
     """Stray light of one lamp of each colour, grey levels, float32 (3, H, W).
 
@@ -44,6 +45,7 @@ def stray_light(
         chance: Generator of angles, borders and strengths.
         streaks: Depth of streaks in the cones, and light of their borders, over that of the cones.
             With streaks, cones end in an arc.
+        lines: Generator of the streaks, needed with them.
     """
     height, width = size
     short = min(size)
@@ -68,8 +70,8 @@ def stray_light(
             along * math.cos(beam) - across * math.sin(beam),
             across * math.cos(beam) + along * math.sin(beam),
         )
-        if streaks:
-            cone = _streaked(_between(_BROAD, half) - side.abs(), side, far, streaks, chance)
+        if lines is not None:
+            cone = _streaked(_between(_BROAD, half) - side.abs(), side, far, streaks, lines)
         else:
             cone = torch.sigmoid((_between(_HALF, half) - side.abs()) / _between(_SOFT, soft))
         cone /= 1 + far / _FALL
