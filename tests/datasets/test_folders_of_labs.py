@@ -276,6 +276,15 @@ def test_arrays_of_unlike_pictures_and_classes_are_single_touches(
         list(Recordings(str(tmp_path), layouts).recordings("train"))
 
 
+def test_numbered_rows_beside_the_images_of_the_root_are_of_frames(tmp_path: Path) -> None:
+    images(tmp_path / "set", [f"{n:03d}" for n in range(COUNT)])
+    rows = [[str(7 * n), str(n / 4)] for n in range(COUNT)]
+    table(tmp_path / "set/log.csv", ["id", "fz"], rows)
+    (one,) = whole(read(tmp_path / "set")[0]).values()
+    assert one.force is not None
+    assert one.force[:, 2].tolist() == [n / 4 for n in range(COUNT)]
+
+
 def test_one_table_of_several_trials_is_told(tmp_path: Path) -> None:
     for trial in range(2):
         film(tmp_path / f"mug/trial_{trial}.avi")

@@ -13,11 +13,6 @@ TIMES = ("even", "names")
 def parse_times(times: ClockKeys | str | None, each: str, where: str) -> ClockKeys | str:
     """The origin of the times of frames; "" to detect it, ``even``, ``names``, or a CSV.
 
-    Args:
-        times: Value of the layout's key ``times``; None for "".
-        each: Unit of a recording: ``video``, ``touch`` or ``sequence``.
-        where: Name of the layout, for messages.
-
     Raises:
         ConfigError: The value is invalid, or does not apply to ``each``.
     """
@@ -42,11 +37,6 @@ def parse_times(times: ClockKeys | str | None, each: str, where: str) -> ClockKe
 
 def parse_order(order: ClockKeys | str | None, each: str, where: str) -> ClockKeys | str:
     """The order of the images of a sequence; "" for the natural one, a pattern, or a CSV.
-
-    Args:
-        order: Value of the layout's key ``order``; None for "".
-        each: Unit of a recording: ``video``, ``touch`` or ``sequence``.
-        where: Name of the layout, for messages.
 
     Raises:
         ConfigError: The value is invalid, or does not apply to ``each``.

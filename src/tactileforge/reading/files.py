@@ -94,9 +94,6 @@ def _likely(raw: bytes) -> str:
 def wide_encoding(raw: bytes) -> str | None:
     """The encoding of a UTF-16 or UTF-32 text, by its mark or its zero bytes; otherwise None.
 
-    Args:
-        raw: The bytes of the text.
-
     Example:
         >>> wide_encoding("file".encode("utf-16")), wide_encoding(b"file,object")
         ('utf-16', None)
@@ -194,10 +191,7 @@ def matching_files(
 
 
 def _matches(
-    folder: Path,
-    pattern: str,
-    layout: str,
-    left_out: Callable[[Path], object] = lambda path: None,
+    folder: Path, pattern: str, layout: str, left_out: Callable[[Path], object] = lambda path: None
 ) -> list[Path]:
     try:
         # a camera writes .MP4, a program .mp4, and glob tells them apart on Linux
@@ -212,13 +206,7 @@ def _matches(
 
 
 def deeper(folder: Path, patterns: Sequence[str], layout: str) -> str:
-    """A remark on matching files one folder deeper; "" without any.
-
-    Args:
-        folder: Folder without a match.
-        patterns: Glob patterns, see `matching_files`.
-        layout: Name of their layout, for messages.
-    """
+    """A remark on matching files one folder deeper; "" without any."""
     found = [path for p in patterns for path in _matches(folder, f"*/{p}", layout)]
     if not found:
         return ""

@@ -13,12 +13,7 @@ from tactileforge.errors import DataError, DataNotFoundError
 from tactileforge.reading.files import deeper, kind_of, matching_files
 from tactileforge.reading.frame_clock import Clocks
 from tactileforge.reading.image_rows import ImageRows
-from tactileforge.reading.label_rows import (
-    LabelRow,
-    match_labels,
-    row_of_series,
-    rows_in_turn,
-)
+from tactileforge.reading.label_rows import LabelRow, match_labels, row_of_series, rows_in_turn
 from tactileforge.reading.layout import DatasetLayout
 from tactileforge.reading.name_times import name_times
 from tactileforge.reading.order import order_doubt
@@ -48,9 +43,6 @@ class FoundTouches:
 
     def touches(self, rows: ImageRows) -> list[LayoutTouch]:
         """The touches, in natural order.
-
-        Args:
-            rows: Look-up of CSV rows by image.
 
         Raises:
             DataNotFoundError: No file matches.
@@ -152,8 +144,8 @@ class FoundTouches:
                     "for each, in order"
                 )
         for frame, row in enumerate(rows):
-            name, folder = (f"{one}/{frame:06d}" for one in (touch.name, touch.folder))
-            folder = folder if touch.folder else ""
+            folder = f"{touch.folder}/{frame:06d}" if touch.folder else ""
+            name = f"{touch.name}/{frame:06d}"
             yield replace(touch, name=name, folder=folder, row=row, frame=frame)
 
     def _series(self, touch: LayoutTouch) -> Iterator[LayoutTouch]:

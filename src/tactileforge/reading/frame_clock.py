@@ -70,11 +70,6 @@ class Clocks:
     ) -> FrameClock:
         """The times of the frames of a touch.
 
-        Args:
-            paths: Files of the touch.
-            video: Frames of the video or stack; None for images.
-            file: Function from a template of the layout to a path.
-
         Raises:
             DataError: The times do not increase, are not one per frame, or look like another unit.
             ConfigError: The layout takes times from names without any times, or says none of a
@@ -98,10 +93,6 @@ class Clocks:
 
     def ordered(self, paths: list[Path], file: Callable[[str], Path]) -> list[Path]:
         """The images of a sequence in the layout's order, or unchanged without one.
-
-        Args:
-            paths: Images of the sequence.
-            file: Function from a template of the layout to a path.
 
         Raises:
             DataError: An image has no place, or two share one.

@@ -58,16 +58,7 @@ class FrameTables:
         sensor: str,
         change: Callable[[], NDArray[np.float64]],
     ) -> NDArray[np.float32]:
-        """Forces per frame, (T, 3), N; see `tables.read_force`.
-
-        Args:
-            table: Columns of the forces.
-            touch: The touch.
-            note: Callback for doubts, see `table_clock.on_frames`.
-            clock: Times of the frames.
-            sensor: Name of the measuring sensor.
-            change: Function to the difference of each frame from the background, (T,).
-        """
+        """Forces per frame, (T, 3), N; see `tables.read_force`."""
         fit = partial(on_frames, start=clock.start, note=note, change=change)
         path, found = self._found(table, touch, note)
         return read_force(table, path, clock.times, sensor, fit, found)
@@ -75,23 +66,12 @@ class FrameTables:
     def actions(
         self, table: FrameTable, touch: LayoutTouch, note: Callable[[str], None], count: int
     ) -> NDArray[np.int64]:
-        """Actions per frame, (T,); see `tables.read_actions`.
-
-        Args:
-            table: Column of the actions.
-            touch: The touch.
-            note: Callback for doubts.
-            count: Number of frames.
-        """
+        """Actions per frame, (T,); see `tables.read_actions`."""
         path, found = self._found(table, touch, note)
         return read_actions(table, path, count, found)
 
     def tracked(
-        self,
-        recording: Recording,
-        keys: TrackKeys,
-        touch: LayoutTouch,
-        note: Callable[[str], None],
+        self, recording: Recording, keys: TrackKeys, touch: LayoutTouch, note: Callable[[str], None]
     ) -> Recording:
         """The recording with its tracks, without the frames to drop; see `tables.read_tracks`.
 
@@ -120,11 +100,6 @@ class FrameTables:
 
     def ranged(self, recording: Recording, keys: Sequence[TrackRanges], path: Path) -> Recording:
         """The recording with tracks of 0 and 1 by ranges; NaN within the margin of an edge.
-
-        Args:
-            recording: Recording of the touch, all frames of it.
-            keys: Ranges of each track.
-            path: File of the touch, for errors.
 
         Raises:
             DataError: Ranges overlap, or exceed the frames of the recording.

@@ -39,10 +39,6 @@ class LabelRow:
     def fill(self, template: str, spaced: bool = False) -> str | None:
         """The template with its columns filled in; None if one of them is empty.
 
-        Args:
-            template: Text with ``{column}`` in it; ``{action}`` is kept with ``spaced``.
-            spaced: Whether underscores of values become spaces, for a caption.
-
         Raises:
             ConfigError: A column does not exist.
             DataError: The images of one folder differ in a column.
@@ -111,13 +107,7 @@ def label_row(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) ->
 
 
 def rows_in_turn(layout: DatasetLayout, path: Path, name: str) -> list[LabelRow]:
-    """Rows of the pictures of a film, in their order.
-
-    Args:
-        layout: The layout.
-        path: The table.
-        name: The film.
-    """
+    """Rows of the pictures of a film, in their order."""
     return [_row(name, where, cells, layout) for where, cells in read_cells(path, [*layout.words])]
 
 
@@ -132,11 +122,6 @@ def match_labels(
     that names a folder is of all touches in it that have no row of their own; for a touch that is a
     folder, a row may name one of its images. Labels in a file of its own (``{folder}/meta.json``)
     are one row, or rows of its images.
-
-    Args:
-        layout: The layout.
-        folder: Folder of the layout.
-        files: Files of each touch, by its name relative to that folder.
 
     Raises:
         DataError: A row names no touch, or two rows name one; see also `read_labels`.
@@ -307,14 +292,7 @@ def _merged(name: str, rows: Mapping[str, LabelRow], layout: DatasetLayout) -> L
 def row_of_series(
     row: LabelRow, series: str, images: Iterable[str], layout: DatasetLayout
 ) -> LabelRow:
-    """The row of one of several series of images in a folder, with the column ``series``.
-
-    Args:
-        row: The row of the folder.
-        series: Name of the series.
-        images: Its images, as paths relative to the folder of the layout.
-        layout: The layout.
-    """
+    """The row of one of several series of images in a folder, with the column ``series``."""
     own = {name: row.images[name] for name in images if name in row.images}
     name = row.words["file"]
     merged = _merged(name, own, layout) if own else row

@@ -113,9 +113,6 @@ def name_times(stems: Sequence[str], fps: float | None, unit: str | None = None)
 def frame_numbers(stems: Sequence[str]) -> list[int]:
     """The numbers of frames in names, ascending; [] for stamps and other numbers.
 
-    Args:
-        stems: Names without their endings, oldest first.
-
     Example:
         >>> frame_numbers(["f_00010", "f_00014"]), frame_numbers(["1763000000.1", "1763000000.2"])
         ([10, 14], [])

@@ -110,11 +110,6 @@ def name_rest(stem: str) -> str:
 def by_pattern(paths: Sequence[Path], pattern: str, layout: str) -> list[Path]:
     """Images sorted by a number in their names, found by a pattern.
 
-    Args:
-        paths: Images of a sequence.
-        pattern: Part of the name, with ``{number}`` for the number and ``*`` for any text.
-        layout: Name of the layout, for messages.
-
     Raises:
         DataError: A name does not match, or two have the same number.
     """
@@ -142,9 +137,6 @@ def other_order(paths: Sequence[Path]) -> str:
 
     It is that of another number counting 1, 2, 3 over all images, or that with points read as
     separators (1.9 before 1.10).
-
-    Args:
-        paths: Images of a sequence, in their order.
     """
     stems = [path.stem for path in paths]
     if len(stems) < 3:

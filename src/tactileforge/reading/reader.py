@@ -29,11 +29,7 @@ from tactileforge.reading.frame_clock import Clocks, FrameClock
 from tactileforge.reading.frame_tables import FrameTables
 from tactileforge.reading.image_rows import ImageRows
 from tactileforge.reading.label_rows import LabelRow
-from tactileforge.reading.layout import (
-    DatasetLayout,
-    check_action,
-    check_sensor,
-)
+from tactileforge.reading.layout import DatasetLayout, check_action, check_sensor
 from tactileforge.reading.layout_keys import MEDIAN_FRAMES, FrameTable
 from tactileforge.reading.tables import number_or_text
 from tactileforge.reading.templates import template_columns
@@ -322,12 +318,7 @@ class LayoutReader:
 
 
 def thinned(recording: Recording, every: float) -> Recording:
-    """Keep one of so many frames, with its labels: the rest are copies of it.
-
-    Args:
-        recording: The recording.
-        every: Stored frames for each frame of the camera, 1 or more; need not be whole.
-    """
+    """Keep one of so many frames, with its labels: the rest are copies of it."""
     count = len(recording.frames)
     if every <= 1 or count < 2:
         return recording

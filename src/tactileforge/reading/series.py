@@ -32,9 +32,6 @@ def series_of(paths: Sequence[Path]) -> dict[str, list[Path]]:
     Series differ by a word or the number of a device in their names, and count their images alike
     (``left_0000``, ``right_0000``), or take turns (``left_17630000001``, ``right_17630000002``).
 
-    Args:
-        paths: Images of a folder, in order.
-
     Example:
         >>> names = ("left_0.png", "left_1.png", "right_0.png", "right_1.png")
         >>> list(series_of([Path(name) for name in names]))

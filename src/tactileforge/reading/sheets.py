@@ -31,9 +31,6 @@ _ROWS = 5_000_000
 def read_sheet(path: Path) -> list[tuple[str, dict[str, str]]]:
     """Place and cells of each row of a table of another program; "" for a missing value.
 
-    Args:
-        path: File that ends like one of `records.sheets`.
-
     Raises:
         DataError: The file is damaged, holds objects of Python, or no table.
     """
@@ -60,7 +57,11 @@ def _spreadsheet(path: Path) -> list[tuple[str, dict[str, str]]]:
                 (i, [_text(cell) for cell in cells])
                 for i, cells in enumerate(islice(sheet.iter_rows(values_only=True), _ROWS), 1)
             ]
-            lines = [(i, _trimmed(cells)) for i, cells in lines if any(cells)]
+            lines = [
+                (i, cells[: max(n for n, cell in enumerate(cells, 1) if cell)])
+                for i, cells in lines
+                if any(cells)
+            ]
             # a single cell is a remark
             if sum(len(cells) > 1 for _, cells in lines) > 1:
                 tables[sheet.title] = lines
@@ -75,12 +76,6 @@ def _spreadsheet(path: Path) -> list[tuple[str, dict[str, str]]]:
         (f"{path}, {title}, row {number}", dict(zip_longest(table.header, cells, fillvalue="")))
         for number, cells in table.rows
     ]
-
-
-def _trimmed(cells: list[str]) -> list[str]:
-    while cells and not cells[-1]:
-        cells = cells[:-1]
-    return cells
 
 
 def _text(value: Any) -> str:

@@ -18,10 +18,6 @@ _PARTS = {"nano": 10**9, "n": 10**9, "micro": 10**6, "u": 10**6, "milli": 10**3,
 def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[Cells], Decimal]:
     """Function from the cells of a row to the part of a second beside its whole seconds.
 
-    Args:
-        column: Column of the seconds, such as ``secs``, ``sec`` or ``stamp.sec``.
-        rows: Place and cells of each row.
-
     Returns:
         The function; 0 for every row without a second column, or where the numbers are not whole
         seconds and parts of one.
@@ -53,10 +49,6 @@ def part_of_second(column: str, rows: Sequence[tuple[str, Cells]]) -> Callable[[
 
 def nanoseconds_beside(column: str, rows: Sequence[Cells]) -> str:
     """Column of nanoseconds behind seconds since 1970, both with numbers for names.
-
-    Args:
-        column: Column of the seconds.
-        rows: Cells of each row.
 
     Returns:
         The column; "" without one, and for columns with names.

@@ -111,14 +111,7 @@ def _place(name: str) -> int:
 def held_out(
     recordings: Iterable[Recording], share: float, unit: str, split: str
 ) -> Iterator[Recording]:
-    """Yields the parts of recordings in a split: each whole, or stretches of each.
-
-    Args:
-        recordings: The whole recordings.
-        share: Share held out, 0 to 1.
-        unit: Unit of holding out, one of `HOLD_OUT`.
-        split: ``train`` or ``val``.
-    """
+    """Yields the parts of recordings in a split: each whole, or stretches of each."""
     if unit == "time":
         for recording in recordings:
             yield from split_parts(recording, share, split)
@@ -131,11 +124,7 @@ def held_out(
 
 
 def take_of(recording: Recording) -> str:
-    """Name of the take of a recording, common to its sensors, tiles and segments; see `trial_of`.
-
-    Args:
-        recording: A recording with a key from `record` or a layout.
-    """
+    """Name of the take of a recording, common to its sensors and segments; see `trial_of`."""
     if "take" in recording.labels:  # FOLDER/TAKE/SENSOR/SEGMENT
         return "/".join(recording.key.split("/")[:-2]) or recording.key
     if "episode" in recording.labels:
@@ -148,11 +137,6 @@ def split_parts(recording: Recording, share: float, split: str) -> Iterator[Reco
 
     Blocks of about half a second, evenly spaced, are held out; the stretches between are for
     training. The two share no frame. A recording too short for a held-out frame is training data.
-
-    Args:
-        recording: The whole recording.
-        share: Share of its frames held out, 0 to 1.
-        split: ``train`` or ``val``.
     """
     count = len(recording.times)
     seconds = float(recording.times[-1] - recording.times[0])

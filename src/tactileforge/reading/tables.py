@@ -166,10 +166,7 @@ def _force(
 
 
 def read_actions(
-    table: FrameTable,
-    path: Path,
-    count: int,
-    found: FoundRows = ALL_ROWS,
+    table: FrameTable, path: Path, count: int, found: FoundRows = ALL_ROWS
 ) -> NDArray[np.int64]:
     """Actions per frame, int64 (count,), as indices in `ACTIONS`; -1 for an empty cell or NaN.
 
@@ -188,10 +185,7 @@ def read_actions(
 
 
 def read_tracks(
-    table: FrameTable,
-    path: Path,
-    count: int,
-    found: FoundRows = ALL_ROWS,
+    table: FrameTable, path: Path, count: int, found: FoundRows = ALL_ROWS
 ) -> dict[str, NDArray[np.float32]]:
     """Numbers per frame by column, float32 (count,); NaN for an empty cell or a missing row.
 

@@ -65,9 +65,6 @@ class TextTable:
 def read_text_table(text: str) -> TextTable:
     r"""The table of a text.
 
-    Args:
-        text: Content of a file.
-
     Raises:
         csv.Error: Quotes are damaged.
 
@@ -89,12 +86,7 @@ def read_text_table(text: str) -> TextTable:
 
 
 def table_of(lines: Sequence[tuple[int, list[str]]], with_commas: bool = False) -> TextTable:
-    """The table of lines of cells, such as those of a spreadsheet.
-
-    Args:
-        lines: Number and cells of each line.
-        with_commas: Whether decimals may have commas.
-    """
+    """The table of lines of cells, such as those of a spreadsheet."""
     start = next((i for i, (_, cells) in enumerate(lines) if any(cells)), len(lines))
     lines = lines[start:]
     if with_commas:
@@ -127,9 +119,6 @@ def _in_groups(header: list[str], rows: Sequence[tuple[int, Cells]]) -> list[str
 
 def in_cells(rows: Sequence[Mapping[str, str]]) -> dict[str, list[dict[str, str]]]:
     """Values within the cells of columns: several numbers, or JSON of named values.
-
-    Args:
-        rows: Cells of each row by column.
 
     Returns:
         Cells of each row, by the column that they come from: ``wrench.0`` to ``wrench.5`` of a

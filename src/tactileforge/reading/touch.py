@@ -40,10 +40,6 @@ class LayoutTouch:
     def path(self, folder: Path, template: str) -> Path:
         """A path for the touch by a template.
 
-        Args:
-            folder: Folder of the layout.
-            template: Path with columns in braces.
-
         Raises:
             DataError: One of the columns is empty.
         """
@@ -60,11 +56,6 @@ def open_files(
     paths: list[Path], index: PictureIndex | None = None, white: float | None = None
 ) -> FileFrames:
     """Opens a background or a camera view of a touch.
-
-    Args:
-        paths: Path of a video or stack, or paths of images.
-        index: Headers that are known; None reads each.
-        white: Value of white in pictures of 16 bits; None where there are none.
 
     Raises:
         DataNotFoundError: A file does not exist.

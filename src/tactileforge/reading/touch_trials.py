@@ -20,9 +20,6 @@ def join_trials(
 
     Layouts of one folder share trials, each under the first of them: two sensors of a take may each
     have a layout of their own.
-
-    Args:
-        found: Layouts with all their touches.
     """
     trials = [
         [(reader.layout.name, trial) for trial in _trials(reader.layout, touches)]

@@ -35,10 +35,6 @@ def recordings_of(cells: Iterable[str], names: Sequence[str]) -> Mapping[str, Se
     name what has them in this order, whatever parts them: ``mug/3`` is ``mug/03``, ``mug_03`` and
     ``mug-take3``.
 
-    Args:
-        cells: Cells of a column.
-        names: Paths of the recordings.
-
     Example:
         >>> recordings_of(["mug", "bolt"], ["left/mug", "left/bolt.mp4"])
         {'mug': ['left/mug'], 'bolt': ['left/bolt.mp4']}

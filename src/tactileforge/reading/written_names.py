@@ -108,11 +108,6 @@ def is_absolute(path: str) -> bool:
 def moved_path(path: str, names: Mapping[str, str], folder: Path) -> str | None:
     """What an absolute path of another machine names, by its end with a folder or more.
 
-    Args:
-        path: A path with forward slashes.
-        names: What there is, by its path from the folder on.
-        folder: Folder of the layout.
-
     Example:
         >>> moved_path("/home/ann/set/images/0.png", {"images/0.png": "0"}, Path("copy"))
         '0'
@@ -161,9 +156,6 @@ def ends_of(path: str) -> list[str]:
 
 def by_ends(values: Iterable[tuple[str, T]]) -> dict[str, T | None]:
     """Values by their paths and all ends of these; None for an end of several values.
-
-    Args:
-        values: Paths with their values.
 
     Example:
         >>> found = by_ends([("left/mug", 1), ("right/mug", 2), ("right/bolt", 3)])

@@ -24,11 +24,7 @@ _COMPARED = 24
 
 
 def guess_background(part: Part) -> dict[str, Any]:
-    """Guess the key of the background.
-
-    Args:
-        part: The files, with the keys of them and of their times; gets the lines to be checked.
-    """
+    """Guess the key of the background."""
     stills = sorted(stills_among(part.files, part.root) - {*part.media})
     if part.folder and not part.listed:
         stills = [path for path in stills if _is_of(path.relative_to(part.root), part.folder)]
@@ -48,8 +44,9 @@ def guess_background(part: Part) -> dict[str, Any]:
         part.doubts.append("background: nothing may touch in the first frame of a recording")
         return {"background": {"first": 1}}
     odd = _odd_ones(part.media)
-    rest = [path for path in part.media if path not in odd]
-    if odd and (name := _still(replace(part, media=rest), odd)):
+    rest = replace(part, media=[path for path in part.media if path not in odd])
+    rest.count()
+    if odd and (name := _still(rest, odd)):
         part.doubts.append(
             f"background: {name}, by its place as the first and by being the only {odd[0].suffix}"
         )
@@ -83,9 +80,8 @@ def _is_of(still: Path, folder: str) -> bool:
 
 def _still(part: Part, stills: Sequence[Path]) -> str:
     """Path of the background of each recording, with names in braces, or of one for all."""
-    units = part.units
-    for family in templates(stills, units):
-        if len(family.files) > 1 and is_for_all(family, units):
+    for family in templates(stills, part.units):
+        if len(family.files) > 1 and is_for_all(family, part.units):
             own = [path for path in part.media if path.parent == family.files[0].parent]
             if not own or _fits(part, family.files[0], own):
                 return family.template

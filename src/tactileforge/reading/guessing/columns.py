@@ -15,11 +15,7 @@ from tactileforge.data.labels.clock import UNITS, after_midnight, clock_number
 from tactileforge.data.labels.missing import stated
 from tactileforge.data.labels.newtons import NEWTONS, named_unit
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.guessing.families import (
-    RECORDING,
-    Family,
-    fits,
-)
+from tactileforge.reading.guessing.families import RECORDING, Family, fits
 from tactileforge.reading.guessing.force_headers import (
     FORCE,
     axes_of_force,
@@ -228,12 +224,7 @@ def time_column(family: Family, stem: str | None = None) -> str | None:
 
 
 def frame_column(family: Family, count: int) -> tuple[str | None, bool]:
-    """Header of the numbers of frames; and whether only its numbers tell it, not its name.
-
-    Args:
-        family: A table.
-        count: Number of frames.
-    """
+    """Header of the numbers of frames; and whether only its numbers tell it, not its name."""
     header = family.rows[0]
     for name in (name for name in header if fits(FRAME, name)):
         if (values := numbers(family, name)).size and (values == np.rint(values)).all():
@@ -252,13 +243,7 @@ def frame_column(family: Family, count: int) -> tuple[str | None, bool]:
 
 
 def rising_column(family: Family, seconds: float, others: Iterable[str | None]) -> tuple[str, str]:
-    """The only rising column as long as the frames, and its unit; "" for none.
-
-    Args:
-        family: A table.
-        seconds: Duration of the frames.
-        others: Columns that are known.
-    """
+    """The only rising column as long as the frames, and its unit; "" for none."""
     found = []
     for name in family.rows[0].keys() - {*others} if not family.is_numbered else ():
         values = moments(family, name)

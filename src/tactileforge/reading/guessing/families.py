@@ -119,12 +119,7 @@ def fits(pattern: re.Pattern[str], title: str) -> bool:
 
 
 def templates(files: Sequence[Path], units: Units) -> list[Family]:
-    """Files beside recordings by their template, without rows.
-
-    Args:
-        files: Paths of the files.
-        units: The recordings.
-    """
+    """Files beside recordings by their template, without rows."""
     place = _Places(units)
     found: dict[str, Family] = {}
     for path in files:
@@ -134,12 +129,7 @@ def templates(files: Sequence[Path], units: Units) -> list[Family]:
 
 
 def families(tables: Sequence[Path], units: Units) -> list[Family]:
-    """Readable tables by template, each with the rows of the first one.
-
-    Args:
-        tables: Paths of tables.
-        units: The recordings.
-    """
+    """Readable tables by template, each with the rows of the first one."""
     names = {path.name for paths in units.files.values() for path in paths}
     names |= {parts[-1] for parts in units.files if parts}
     names |= {ENDING.sub("", name) for name in names}
@@ -161,11 +151,7 @@ def families(tables: Sequence[Path], units: Units) -> list[Family]:
             family.rows = family.rows[:-1]
         if not family.rows:
             continue
-        keys = [family.key] if family.key else _keys(family.rows, names)
-        family.key = next((key for key in keys if not _is_elsewhere(family, key, units)), None)
-        if not family.key and len(family.rows) > 1 and len(family.files) == 1:
-            keys = _keys(family.rows, folders, are_rows=True)
-            family.key = next(iter(keys), None) or _number(family.rows, units)
+        family.key = family.key or _key(family, names, folders, units)
         if len(family.files) == 1 and family.key and "*" not in family.template:
             family.template = family.files[0].relative_to(units.root).as_posix()
         family.apart = _apart(family, units)
@@ -205,9 +191,10 @@ class _Places:
         for place in range(3):
             for parts, folders in own.items():
                 for end in [*self._ends[parts]][place : place + 1]:
-                    for some in _subsets(folders):
-                        self._found.setdefault(some, parts)
-                        self._found.setdefault((*some, end), parts)
+                    for size in range(len(folders) + 1):
+                        for some in combinations(folders, size):
+                            self._found.setdefault(some, parts)
+                            self._found.setdefault((*some, end), parts)
 
     def _name(self, unit: Parts) -> str:
         last = unit[-1] if unit else ""
@@ -287,10 +274,6 @@ class _Places:
         return "/".join(out)
 
 
-def _subsets(parts: Parts) -> Iterator[Parts]:
-    return chain.from_iterable(combinations(parts, size) for size in range(len(parts) + 1))
-
-
 def _ways(stem: str) -> list[Parts]:
     """The parts of a path that the name of a table may be.
 
@@ -364,12 +347,7 @@ def without_table(family: Family, units: Units) -> list[Parts]:
 
 
 def recordings(units: Units, family: Family | None = None) -> list[str]:
-    """Paths of recordings from the root; of single images, those of their folders.
-
-    Args:
-        units: The recordings.
-        family: Tables; of several, those that share the first one are meant.
-    """
+    """Paths of recordings from the root; of single images, those of their folders."""
     own: Iterable[Parts] = units.files
     if family is not None and family.is_own:
         table = table_of(family, family.unit, units)
@@ -383,16 +361,11 @@ def _apart(family: Family, units: Units) -> str | None:
     names = [] if "*" in family.template else recordings(units, family)
     if len(names) < 2:
         return None
-    for title in family.rows[0]:
-        cells = [row[title] for row in family.rows]
-        told = recordings_of(cells, names)
+    for title, cells, told in _telling(family.rows[0], family.rows, names):
         # numbers may count anything: as those of recordings, by the name of their column alone
         is_named = not all(map(str.isdecimal, told)) or RECORDING.fullmatch(title.strip().lower())
-        are_all = (
-            len({*chain.from_iterable(told.values())}) >= _ABOUT * len(names)
-            and {*cells} <= told.keys()
-        )
-        if told and is_named and are_all and len(cells) > len({*cells}):
+        are_most = len({*chain.from_iterable(told.values())}) >= _ABOUT * len(names)
+        if is_named and are_most and len(cells) > len({*cells}):
             return title
     return None
 
@@ -462,30 +435,37 @@ def _is_name(family: Family, title: str) -> bool:
     )
 
 
-def _number(rows: Cells, units: Units) -> str | None:
-    """Column with the number of another recording in each row; None without one."""
-    names = ["/".join(parts) for parts in units.files]
-    for title in rows[0]:
-        cells = [row[title] for row in rows]
-        is_named = RECORDING.fullmatch(title.strip().lower()) or _ID.fullmatch(title.lower())
-        if (
-            is_named
-            and len({*cells}) == len(cells)
-            and {*cells} <= recordings_of(cells, names).keys()
-        ):
+def _key(family: Family, names: set[str], folders: set[str], units: Units) -> str | None:
+    """Column with the names of files, or another folder or number of a recording in each row."""
+    rows, is_table = family.rows, len(family.rows) > 1 and len(family.files) == 1
+    if len(rows) == 1:  # "digit", beside digit.mp4, is a word of its own
+        names = {name for name in names if "." in name}
+    for known in (names, folders) if is_table else (names,):
+        for title in rows[0]:
+            cells = [row[title] for row in rows if stated(row[title])]
+            found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in known}
+            # each once: zeros are not names
+            is_about = cells and len(found) >= _ABOUT * len(cells if known is names else rows)
+            if is_about and not (known is names and _is_elsewhere(family, title, units)):
+                return title
+    counted = [
+        title
+        for title in rows[0]
+        if RECORDING.fullmatch(title.strip().lower()) or _ID.fullmatch(title.lower())
+    ]
+    paths = ["/".join(parts) for parts in units.files if parts]
+    for title, cells, _ in _telling(counted, rows, paths) if is_table else ():
+        if len({*cells}) == len(cells):
             return title
     return None
 
 
-def _keys(rows: Cells, names: set[str], are_rows: bool = False) -> list[str]:
-    """Columns with the names of files; with ``are_rows`` another in each row."""
-    if len(rows) == 1:  # "digit", beside digit.mp4, is a word of its own
-        names = {name for name in names if "." in name}
-    keys = []
-    for title in rows[0]:
-        cells = [row[title] for row in rows if stated(row[title])]
-        found = {cell for cell in cells if cell.replace("\\", "/").rpartition("/")[2] in names}
-        # each once: zeros are not names
-        if cells and len(found) >= _ABOUT * len(rows if are_rows else cells):
-            keys.append(title)
-    return keys
+def _telling(
+    titles: Iterable[str], rows: Cells, names: Sequence[str]
+) -> Iterator[tuple[str, list[str], Mapping[str, Sequence[str]]]]:
+    """Columns of which each cell tells recordings, with the cells and the recordings by these."""
+    for title in titles:
+        cells = [row[title] for row in rows]
+        told = recordings_of(cells, names)
+        if {*cells} <= told.keys():
+            yield title, cells, told

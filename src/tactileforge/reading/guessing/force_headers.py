@@ -72,10 +72,6 @@ def axes_of_force(header: Sequence[str], side: str = "") -> list[str | None]:
     The axes of one force have the same other words. Of several forces, the one with the fewest
     other words is taken. Those of the robot, of commands and of what is computed are not.
 
-    Args:
-        header: Names of columns.
-        side: Side of the touch, such as ``left``; "" for none.
-
     Example:
         >>> axes_of_force(["t", "fz_des", "fz_meas"]), axes_of_force(["fz_a", "fz_b"])
         ([None, None, 'fz_meas'], [None, None, None])

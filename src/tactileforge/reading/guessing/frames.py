@@ -36,11 +36,7 @@ _WIDE = 2
 
 
 def guess_white(part: Part) -> dict[str, Any]:
-    """Guess the key of white in pictures of 16 bits; {} for others, and for a depth.
-
-    Args:
-        part: The files; gets the line to be checked.
-    """
+    """Guess the key of white in pictures of 16 bits; {} for others, and for a depth."""
     folders: dict[Path, list[Path]] = {}
     for path in part.media:
         folders.setdefault(path.parent, []).append(path)
@@ -62,11 +58,7 @@ def guess_white(part: Part) -> dict[str, Any]:
 
 
 def guess_frames(part: Part) -> dict[str, Any]:
-    """Guess the keys of the files and of their times.
-
-    Args:
-        part: The files; gets the lines to be checked.
-    """
+    """Guess the keys of the files and of their times."""
     doubts, pattern, white = part.doubts, pattern_of(part), part.layout.get("white")
     if part.media[0].suffix.lower() in VIDEOS:
         return {"videos": pattern}
@@ -171,12 +163,7 @@ def _change_ratio(pictures: Mapping[int, NDArray[Any]], starts: Sequence[int]) -
 
 
 def boxes_of(path: Path, white: float | None) -> list[Box]:
-    """Tiles of a composite picture or film; [] for others, and for an unreadable one.
-
-    Args:
-        path: The picture or film.
-        white: Value of white in pictures of 16 bits; None where there are none.
-    """
+    """Tiles of a composite picture or film; [] for others, and for an unreadable one."""
     frames = open_media(path, white)
     if frames is None:
         return []
@@ -189,14 +176,7 @@ def boxes_of(path: Path, white: float | None) -> list[Box]:
 def guess_crops(
     boxes: Sequence[Box], shape: tuple[int, int], sensor: str, doubts: list[str]
 ) -> dict[str, Any]:
-    """Guess the keys of the tiles of composite pictures; {} for none.
-
-    Args:
-        boxes: The tiles.
-        shape: Height and width of a picture.
-        sensor: Type of the sensor of the picture.
-        doubts: Lines, added to.
-    """
+    """Guess the keys of the tiles of composite pictures; {} for none."""
     height, width = shape
     if not boxes and width >= _WIDE * height:
         half = width // 2

@@ -24,12 +24,7 @@ from tactileforge.reading.guessing.columns import (
     named_columns,
     time_column,
 )
-from tactileforge.reading.guessing.families import (
-    Family,
-    Units,
-    fits,
-    is_for_all,
-)
+from tactileforge.reading.guessing.families import Family, Units, fits, is_for_all
 from tactileforge.reading.guessing.force_headers import FORCE
 from tactileforge.reading.guessing.frames import is_film
 from tactileforge.reading.guessing.media import Part, open_media
@@ -38,7 +33,7 @@ from tactileforge.reading.guessing.view_words import FINGERS, VIEWS
 from tactileforge.reading.records import RECORDS, conversion
 from tactileforge.reading.sides import SIDE_NAMES
 from tactileforge.reading.splits import SPLIT_OF_FOLDER
-from tactileforge.reading.tables import read_cells
+from tactileforge.reading.tables import number_or_text, read_cells
 from tactileforge.reading.templates import template_columns
 from tactileforge.reading.trial_rows import RECORDING_WORDS
 from tactileforge.reading.trials import VERSIONS
@@ -72,16 +67,9 @@ _CLASSES = re.compile(
 _SHOWN = 8
 
 
-def guess_labels(
-    found: Sequence[Family], units: Units, doubts: list[str]
-) -> tuple[dict[str, Any], list[Family]]:
-    """Guess the keys of objects, captions and types of sensors, and their families of tables.
-
-    Args:
-        found: Families of tables.
-        units: The recordings.
-        doubts: Lines, added to.
-    """
+def guess_labels(part: Part, found: Sequence[Family]) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the keys of objects, captions and types of sensors, and their families of tables."""
+    doubts = part.doubts
     best: tuple[int, dict[str, Any], Family] | None = None
     for family in found:
         per_image = "*" in family.template
@@ -93,7 +81,7 @@ def guess_labels(
         for name, pattern in _NAMED:
             titles = [title for title in family.rows[0] if fits(pattern, title)]
             column = next((t for t in titles if not is_series or is_constant(family, t)), None)
-            if column and (column != family.key or _names_folders(family, units)):
+            if column and (column != family.key or _names_folders(family, part.units)):
                 given.setdefault(name, f"{{{column}}}")
         sensor = _sensor_column(family)
         if sensor and is_series and not is_constant(family, sensor):
@@ -119,26 +107,19 @@ def guess_labels(
     return keys, [family]
 
 
-def guess_classes(
-    part: Part, found: Sequence[Family], units: Units
-) -> tuple[dict[str, Any], list[Family]]:
+def guess_classes(part: Part) -> tuple[dict[str, Any], list[Family]]:
     """Guess the keys of objects of single touches in an array, and their family of tables.
 
     An array is taken for a film unless its pictures and their classes both change at random.
-
-    Args:
-        part: The files; gets the key of single touches, and the lines to be checked.
-        found: Families of tables.
-        units: The recordings.
     """
-    for family in found:
+    for family in part.found:
         column = family.column(OBJECT) or family.column(OBJECT_NUMBER)
         if [*family.rows[0]] == ["0"] and _CLASSES.fullmatch(family.files[0].stem.lower()):
             column = "0"
         cells = [row[column] for row in family.rows] if column else []
         changes = sum(one != other for one, other in pairwise(cells))
-        is_each = len(cells) == units.count >= 2 * len({*cells}) and 3 * changes > len(cells)
-        if not is_each or not is_for_all(family, units):
+        is_each = len(cells) == part.units.count >= 2 * len({*cells}) and 3 * changes > len(cells)
+        if not is_each or not is_for_all(family, part.units):
             continue
         film = open_media(part.media[0], part.layout.get("white"))
         if film is None or is_film(film.read, len(film)):
@@ -198,33 +179,29 @@ def _names_pictures(family: Family, column: str) -> bool:
     return all(PurePath(row[column]).suffix.lower() in IMAGE_SUFFIXES for row in family.rows)
 
 
-def guess_shared(
-    found: Sequence[Family], units: Units, is_assumed: bool, doubts: list[str]
-) -> tuple[dict[str, Any], list[Family]]:
+def guess_shared(part: Part) -> list[Family]:
     """Guess the values of a file of one row for all recordings, and the rate of their frames.
 
-    Args:
-        found: Families of tables.
-        units: The recordings.
-        is_assumed: Whether the frames have no other rate.
-        doubts: Lines, added to.
+    The keys are filled in; the families are those of the tables.
     """
     given: dict[str, Any] = {}
-    used = []
-    for family in found:
+    told: list[str] = []
+    units, used = part.units, []
+    for family in part.found:
         if len(family.rows) > 1 or family.key or family.files[0].suffix.lower() == ".npy":
             continue
         (row,) = family.rows
         said: dict[str, Any] = {}
         column = family.column(_FPS)
-        fps = _number(row[column]) if column else 0.0
-        if fps > 0 and is_assumed:
+        told_fps = number_or_text(row[column]) if column else 0.0
+        fps = told_fps if isinstance(told_fps, float) else 0.0
+        if fps > 0 and "fps" in part.layout:
             said["fps"] = fps
         elif fps > 0 and units.each == "video" and units.seconds and not units.is_timed:
             used.append(family)
             own = (units.count - 1) / units.seconds
             if abs(own / fps - 1) > _AS_FAST:
-                doubts.append(
+                told.append(
                     f"times: films say {own:.4g} frames a second, which is taken, and {column} of "
                     f"{family.template} says {fps:g}; if that is right: fps: {fps:g}"
                 )
@@ -236,10 +213,13 @@ def guess_shared(
                 if value:
                     said[name] = value.replace("{", "{{").replace("}", "}}")
         if said:
-            doubts += [f"{name}: {value}, by {family.template}" for name, value in said.items()]
+            told += [f"{name}: {value}, by {family.template}" for name, value in said.items()]
             used.append(family)
             given = said | given
-    return given, used
+    part.forget(*given)
+    part.layout |= given
+    part.doubts += told
+    return used
 
 
 def _sensor_column(family: Family) -> str | None:
@@ -249,27 +229,15 @@ def _sensor_column(family: Family) -> str | None:
     return (family.column(own) if side else None) or family.column(SENSOR)
 
 
-def guess_unit(found: Sequence[Family], doubts: list[str]) -> tuple[str, list[Family]]:
-    """Guess the unit of forces by a value of all rows (``force_unit``); "" without any.
-
-    Args:
-        found: Families of tables.
-        doubts: Lines, added to.
-    """
-    for family in found:
+def guess_unit(part: Part) -> tuple[str, list[Family]]:
+    """Guess the unit of forces by a value of all rows (``force_unit``); "" without any."""
+    for family in part.found:
         column = family.column(_UNIT)
         unit = named_unit(family.rows[0][column]) if column else ""
         if column and unit and is_constant(family, column):
-            doubts.append(f"force: in {unit}, by {column} of {family.template}")
+            part.doubts.append(f"force: in {unit}, by {column} of {family.template}")
             return unit, [family]
     return "", []
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return 0.0
 
 
 def _type_of(name: str) -> str:
@@ -280,15 +248,9 @@ def _type_of(name: str) -> str:
         return named_sensor(name)
 
 
-def unread_words(family: Family, layout: Mapping[str, Any], doubts: list[str]) -> None:
-    """Add a line about unread columns of words in a table of forces.
-
-    Args:
-        family: The table.
-        layout: Keys that are read.
-        doubts: Lines, added to.
-    """
-    read = str(layout)
+def unread_words(part: Part, family: Family) -> None:
+    """Add a line about unread columns of words in a table of forces."""
+    read = str(part.layout)
     titles = [title for title, cell in family.rows[0].items() if cell and not _is_moment(cell)]
     titles = [
         title
@@ -297,35 +259,38 @@ def unread_words(family: Family, layout: Mapping[str, Any], doubts: list[str]) -
         if not _names_pictures(family, title)
     ]
     if titles:
-        doubts.append(
+        part.doubts.append(
             f"labels: {', '.join(titles[:3])} of {family.template} are not read; if they name the "
             f"object: labels: {{file: {family.template!r}}}, object: '{{{titles[0]}}}'"
         )
 
 
-def words_in_names(units: Iterable[Sequence[str]], layout: Mapping[str, Any]) -> list[str]:
-    """Line about words that tell recordings of one folder apart; [] without any.
-
-    Args:
-        units: Paths of the recordings.
-        layout: Keys that are read.
-    """
-    names = [PurePath(unit[-1]).stem if "." in unit[-1] else unit[-1] for unit in units if unit]
-    for mark in "_- ":
+def told_by_names(part: Part, has_force: bool) -> None:
+    """Add lines about unread forces and words in names."""
+    places = [path.relative_to(part.root).with_suffix("").as_posix() for path in part.media]
+    forces = [match[0] for name in places if (match := _IN_NAME.search(name.lower()))]
+    if not has_force and len({*forces}) > 1 and 2 * len(forces) >= len(places):
+        part.doubts.append(
+            f"force: names of files say it ({forces[0]}, {forces[-1]}), and it is not read; write "
+            "it into a table with a row of each: force: {file: forces.csv, key: file, columns: "
+            "[null, null, fz]}"
+        )
+    last = [unit[-1] for unit in part.units.files if unit]
+    names = [PurePath(name).stem if "." in name else name for name in last]
+    for mark in "" if part.layout.keys() & {"object", "labels", "recording"} else "_- ":
         parts = [name.split(mark) for name in names]
         if {*map(len, parts)} <= {0, 1} or len({*map(len, parts)}) > 1:
             continue
         for place, column in enumerate(zip(*parts, strict=True), 1):
             words = sorted({*column})
             if 1 < len(words) <= len(names) / 2 and not any(map(_tells_no_object, words)):
-                made = written_labels(
-                    layout, "word", f'$(basename "${{f%.*}}" | cut -d"{mark}" -f{place})'
-                )
-                return [
+                value = f'$(basename "${{f%.*}}" | cut -d"{mark}" -f{place})'
+                part.doubts.append(
                     f"object: names have words ({', '.join(words[:3])}), which are not read; a "
-                    f"table of them is (object for word, if they name it): {made}"
-                ]
-    return []
+                    "table of them is (object for word, if they name it): "
+                    + written_labels(part.layout, "word", value)
+                )
+                return
 
 
 def _tells_no_object(word: str) -> bool:
@@ -336,13 +301,7 @@ def _tells_no_object(word: str) -> bool:
 
 
 def written_labels(layout: Mapping[str, Any], column: str, value: str) -> str:
-    """A command that writes a table of labels from the names of files.
-
-    Args:
-        layout: Keys of the files.
-        column: Name of the column.
-        value: Cell of the file ``$f``, for a shell.
-    """
+    """A command that writes a table of labels from the names of files."""
     patterns = layout.get("videos") or layout["images"]
     patterns = [patterns] if isinstance(patterns, str) else patterns
     if layout.get("each") == "sequence":
@@ -351,31 +310,14 @@ def written_labels(layout: Mapping[str, Any], column: str, value: str) -> str:
     return f"({made}) > labels.csv"
 
 
-def force_in_names(media: Sequence[Path], root: Path) -> list[str]:
-    """Line about forces in the names of files; [] without any.
-
-    Args:
-        media: Files of frames.
-        root: Folder of the data.
-    """
-    names = (path.relative_to(root).with_suffix("").as_posix().lower() for path in media)
-    found = [match[0] for name in names if (match := _IN_NAME.search(name))]
-    if len(set(found)) < 2 or 2 * len(found) < len(media):
-        return []
-    return [
-        f"force: names of files say it ({found[0]}, {found[-1]}), and it is not read; write it "
-        "into a table with a row of each: force: {file: forces.csv, key: file, columns: [null, "
-        "null, fz]}"
-    ]
-
-
 def left_out(unread: Iterable[Path], root: Path) -> list[str]:
     """Lines about unread tables and files of labels, one per kind."""
     kinds: dict[str, list[str]] = {}
     damaged: dict[str, str] = {}
     for path in unread:
         name = path.relative_to(root).as_posix()
-        if len(damaged) < _DAMAGED and (why := _damage(path)):
+        is_text = path.suffix.lower() in (".csv", ".tsv")
+        if is_text and len(damaged) < _DAMAGED and (why := _columns(path)[1]):
             damaged[name] = why
         else:
             kinds.setdefault(conversion(path) and path.suffix.lower(), []).append(name)
@@ -386,7 +328,7 @@ def left_out(unread: Iterable[Path], root: Path) -> list[str]:
         if kind:
             lines.append(f"labels: {first}{more} left out: {conversion(root / first)}")
             continue
-        columns = _columns(root / first)
+        columns, _ = _columns(root / first)
         if columns and (named := named_columns(columns)).force[2]:
             force = {"file": first, "columns": [*named.force]}
             force |= {"times": named.times} if named.times else {}
@@ -409,24 +351,13 @@ def pasted(force: Mapping[str, Any]) -> str:
     return dump_yaml({"force": force}, default_flow_style=True, width=math.inf).strip()[1:-1]
 
 
-def _columns(path: Path) -> list[str]:
-    """Names of the columns of a table; [] for one without names or that cannot be read."""
+def _columns(path: Path) -> tuple[list[str], str]:
+    """Names of the columns of a table, [] without any; and the reason against reading it."""
     try:
         rows = read_cells(path, [])
-    except TactileForgeError:
-        return []
-    return [name for name in rows[0][1] if not name.isdecimal()] if rows else []
-
-
-def _damage(path: Path) -> str:
-    """Reason against reading a table; "" for a readable one, and for other files."""
-    if path.suffix.lower() not in (".csv", ".tsv"):
-        return ""
-    try:
-        read_cells(path, [])
     except TactileForgeError as error:
-        return str(error).removeprefix(f"{path}: ")
-    return ""
+        return [], str(error).removeprefix(f"{path}: ")
+    return [name for name in rows[0][1] if not name.isdecimal()] if rows else [], ""
 
 
 def _is_moment(cell: str) -> bool:

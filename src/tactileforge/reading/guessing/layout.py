@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 
@@ -41,9 +41,6 @@ _MOST_PARTS = 20
 
 def guess_layout(root: Path) -> Guess | None:
     """Guess the layout of a folder of videos or images.
-
-    Args:
-        root: The folder.
 
     Returns:
         Options of the data set ``recordings``; None for a folder without videos and images.
@@ -138,12 +135,9 @@ def _unread(files: Sequence[Path], seen: set[Path], doubts: Sequence[str]) -> li
         if path not in seen and (path.suffix.lower() in endings or conversion(path))
         if not (path.suffix.lower() in NOTES and _ABOUT.match(path.stem.lower()))
         if not any(path.name in line for line in doubts)
-        if not (path.suffix.lower() in _ARCHIVES and _unpacked(path).is_dir())
+        if path.suffix.lower() not in _ARCHIVES
+        or not (path.parent / path.name.split(".")[0]).is_dir()
     ]
-
-
-def _unpacked(path: Path) -> Path:
-    return path.with_name(path.name.partition(".")[0])
 
 
 def _without_media(paths: Sequence[Path], media: Sequence[Path], root: Path) -> list[str]:
@@ -177,20 +171,14 @@ def _parts(
     if [*folders] == [""]:
         folders = _by_backgrounds(root, touches, media, files) or folders
     if [*folders] == [""] and (lists := lists_of_splits(files, touches, root)):
-        owns = {word: [*own] for word, (_, own) in lists.items()}
+        named = {path: word for word, (_, own) in lists.items() for path in own}
         return [
-            Part(root, word, own, _without(files, owns, word), listed=lists[word][0])
-            for word, own in owns.items()
+            Part(root, word, own, [x for x in files if named.get(x, word) == word], listed=table)
+            for word, (table, own) in lists.items()
         ]
     if [*folders] == [""]:
         folders = _by_sides(root, touches, files) or folders
     return [Part(root, folder, own, files) for folder, own in folders.items()]
-
-
-def _without(files: Sequence[Path], owns: Mapping[str, list[Path]], word: str) -> list[Path]:
-    """Files but those of the other lists."""
-    others = {path for other, own in owns.items() if other != word for path in own}
-    return [path for path in files if path not in others]
 
 
 def _by_sensors(root: Path, media: Sequence[Path]) -> dict[str, list[Path]]:

@@ -20,13 +20,7 @@ _ABOUT, _MOST = 0.8, 0.5
 def lists_of_splits(
     files: Sequence[Path], media: Sequence[Path], root: Path
 ) -> dict[str, tuple[Path, list[Path]]]:
-    """The list and the files of each split; {} without lists of two splits or more.
-
-    Args:
-        files: All files.
-        media: Films or images of touch.
-        root: Folder of them.
-    """
+    """The list and the files of each split; {} without lists of two splits or more."""
     tables: dict[tuple[Path, str], dict[str, Path]] = {}
     for path in files:
         words = [word for word in words_of(path.stem) if word in SPLIT_OF_FOLDER]

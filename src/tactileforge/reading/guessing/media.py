@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from tactileforge.data.frames.picture_files import IMAGE_SUFFIXES
 from tactileforge.data.frames.stacks import is_stack, open_film
 from tactileforge.data.frames.video import VIDEO_SUFFIXES
 from tactileforge.errors import TactileForgeError
-from tactileforge.reading.guessing.families import Units
+from tactileforge.reading.guessing.families import Family, Units
 from tactileforge.reading.guessing.sensor_names import named_sensor
 from tactileforge.reading.guessing.view_words import DERIVED, says_touch, words_of
 from tactileforge.reading.name_times import name_times
@@ -56,6 +56,8 @@ class Part:
         doubts: Lines to be checked.
         read: Tables that are read.
         listed: Table with the names of the recordings of a split; None for none.
+        found: Families of the tables beside the recordings.
+        units: The recordings, by the known keys; see `count`.
     """
 
     root: Path
@@ -66,11 +68,29 @@ class Part:
     doubts: list[str] = field(default_factory=list)
     read: set[Path] = field(default_factory=set)
     listed: Path | None = None
+    found: list[Family] = field(default_factory=list)
+    units: Units = field(init=False)
 
-    @property
-    def units(self) -> Units:
-        """The recordings, by the known keys."""
-        return units_of(self.root, self.media, self.layout)
+    def count(self) -> None:
+        """Count the recordings by the known keys."""
+        each = "video" if "videos" in self.layout else self.layout["each"]
+        files: dict[tuple[str, ...], list[Path]] = {}
+        for path in self.media:
+            unit = path.parent if each == "sequence" else path
+            if self.layout.get("recording") == "{prefix}":
+                unit /= name_prefix(path.stem)
+            files.setdefault(unit.relative_to(self.root).parts, []).append(path)
+        first = next(iter(files.values()))
+        frames = open_media(first[0], self.layout.get("white")) if each == "video" else None
+        count = len(frames) if frames is not None else len(first)
+        own = getattr(frames, "times", None)
+        seconds = float(own[-1]) if own is not None else count / self.layout.get("fps", ASSUMED_FPS)
+        is_dated, is_timed = False, self.layout.get("times") == "names"
+        if is_timed:
+            clock = name_times([path.stem for path in first], None)
+            is_dated = clock.start is not None
+            seconds = seconds if clock.times is None else float(clock.times[-1])
+        self.units = Units(self.root, each, files, count, seconds, is_timed, is_dated)
 
     @property
     def assumes_rate(self) -> bool:
@@ -98,34 +118,6 @@ class Part:
     def side(self) -> str:
         """Side of the folder, such as ``left``; "" for none."""
         return side_of(self.folder)
-
-
-def units_of(root: Path, media: Sequence[Path], layout: Mapping[str, Any]) -> Units:
-    """Recordings of media, by the known keys of their layout.
-
-    Args:
-        root: Folder of the layout.
-        media: Films or images.
-        layout: Keys of the files and of their times.
-    """
-    each = "video" if "videos" in layout else layout["each"]
-    files: dict[tuple[str, ...], list[Path]] = {}
-    for path in media:
-        unit = path.parent if each == "sequence" else path
-        if layout.get("recording") == "{prefix}":
-            unit /= name_prefix(path.stem)
-        files.setdefault(unit.relative_to(root).parts, []).append(path)
-    first = next(iter(files.values()))
-    frames = open_media(first[0], layout.get("white")) if each == "video" else None
-    count = len(frames) if frames is not None else len(first)
-    own = getattr(frames, "times", None)
-    seconds = float(own[-1]) if own is not None else count / layout.get("fps", ASSUMED_FPS)
-    is_dated, is_timed = False, layout.get("times") == "names"
-    if is_timed:
-        clock = name_times([path.stem for path in first], None)
-        is_dated = clock.start is not None
-        seconds = seconds if clock.times is None else float(clock.times[-1])
-    return Units(root, each, files, count, seconds, is_timed, is_dated)
 
 
 def stacks(files: Sequence[Path]) -> list[Path]:
@@ -162,23 +154,20 @@ def stills_among(files: Sequence[Path], root: Path) -> set[Path]:
     A name that may be an object's too, such as ``flat``, is one of these only where the other
     pictures of its folder differ by numbers, or where it has pictures of no other name beside it.
     Those called ``before`` are, where each has one called ``after`` beside it.
-
-    Args:
-        files: Files below ``root``.
-        root: Folder of them.
     """
     media = [path for path in files if path.suffix.lower() in VIDEOS | IMAGE_SUFFIXES]
     found, beside = _before(media, root), dict[Path, set[str]]()
     for path in media:
         folders = path.relative_to(root).parts[:-1]
-        if BACKGROUND.search(path.stem.lower()) or any(map(_is_still_folder, folders)):
+        above = [re.sub(r"[-_ ]?\d*s?$", "", name.lower()) for name in folders]
+        if BACKGROUND.search(path.stem.lower()) or any(map(BACKGROUND.fullmatch, above)):
             found.add(path)
         elif not _STILL.fullmatch(path.stem.lower()):
             beside.setdefault(path.parent, set()).add(re.sub(r"\d+", "", path.stem.lower()))
-    above = {folder for own in beside for folder in own.parents}
+    parents = {folder for own in beside for folder in own.parents}
     for path in media:
         names = beside.get(path.parent, set())
-        alone = not names and path.parent in above
+        alone = not names and path.parent in parents
         if _STILL.fullmatch(path.stem.lower()) and (len(names) == 1 or alone):
             found.add(path)
     return found if len(found) < len(media) else set()
@@ -193,22 +182,13 @@ def _before(media: Sequence[Path], root: Path) -> set[Path]:
     return {names[name] for name in befores} if all(has_after) else set()
 
 
-def _is_still_folder(name: str) -> bool:
-    return BACKGROUND.fullmatch(re.sub(r"[-_ ]?\d*s?$", "", name.lower())) is not None
-
-
 def of_endings(files: Sequence[Path], endings: frozenset[str] | set[str]) -> list[Path]:
     """Files with one of some endings, in small letters."""
     return [path for path in files if path.suffix.lower() in endings]
 
 
 def open_media(path: Path, white: float | None = None) -> Frames | None:
-    """Frames of a film, stack or image; None for an unreadable one.
-
-    Args:
-        path: The file.
-        white: Value of white in pictures of 16 bits; None where there are none.
-    """
+    """Frames of a film, stack or image; None for an unreadable one."""
     is_film = path.suffix.lower() in VIDEOS or is_stack(path)
     try:
         return open_film(path, white=white) if is_film else ImageFrames([path], white=white)

@@ -84,9 +84,6 @@ def time_unit(name: str, values: NDArray[Any]) -> tuple[str, str]:
 def is_turned(force: NDArray[np.float64]) -> bool:
     """Whether a normal force is largely negative, as pressing never is.
 
-    Args:
-        force: float64 (n,), in any unit; NaN for no value.
-
     Example:
         >>> is_turned(np.array([0.1, -5.0])), is_turned(np.array([-0.1, 5.0]))
         (True, False)

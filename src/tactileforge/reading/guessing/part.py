@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path, PurePath
 from typing import Any
 
 from tactileforge.data.frames.stacks import is_stack
 from tactileforge.reading.guessing.background import guess_background
-from tactileforge.reading.guessing.families import Family, Units, families, is_for_all, templates
+from tactileforge.reading.guessing.families import Family, families, is_for_all, templates
 from tactileforge.reading.guessing.frames import boxes_of, guess_crops, guess_frames, guess_white
 from tactileforge.reading.guessing.labels import (
-    force_in_names,
     guess_classes,
     guess_labels,
     guess_shared,
+    told_by_names,
     unread_words,
-    words_in_names,
     written_labels,
 )
 from tactileforge.reading.guessing.media import VIDEOS, Part, names_still, of_endings, open_media
@@ -61,11 +59,7 @@ _OPENED = 5
 
 
 def guess_part(part: Part) -> None:
-    """Guess the layout of a part, the lines about it, and its tables.
-
-    Args:
-        part: The files; its layout is filled in.
-    """
+    """Guess the layout of a part, the lines about it, and its tables."""
     layout, doubts = part.layout, part.doubts
     layout |= guess_white(part)
     layout |= guess_frames(part)
@@ -73,28 +67,26 @@ def guess_part(part: Part) -> None:
     shape = _shape(part)
     layout |= _sensor(part, (boxes[0][3], boxes[0][2]) if boxes else shape)
     layout |= guess_crops(boxes, shape, layout["sensor"], doubts)
-    units = part.units
-    found = _families(part, units)
-    used = _shared(part, found, units)
-    units = part.units if used else units
-    apart = _apart(part, found, units)
-    if apart:
-        found = [*apart, *(family for family in found if family not in apart)]
+    part.count()
+    part.found = _families(part)
+    if used := guess_shared(part):
+        part.count()
+    if apart := guess_apart(part):
+        part.found = [*apart, *(family for family in part.found if family not in apart)]
+        part.count()
     column = str(layout.get("recording", "")).strip("{}") if apart else ""
-    units = part.units if apart else units
-    times, is_dated = guess_times(found, units, doubts, column)
-    units = replace(units, is_dated=is_dated)
-    force, of_force = guess_force(found, units, doubts)
+    times = guess_times(part, column)
+    force, of_force = guess_force(part)
     labels: dict[str, Any] = {}
     if is_stack(part.media[0]):
         if times or "times" in force.get("force", {}):
             part.forget("each")
         elif not part.listed:
-            labels, of_labels = guess_classes(part, found, units)
+            labels, of_labels = guess_classes(part)
     if not labels:
-        labels, of_labels = guess_labels(apart or found, units, doubts)
+        labels, of_labels = guess_labels(part, apart or part.found)
     if part.listed:
-        labels, of_labels = _listed(part, found, labels, of_labels)
+        labels, of_labels = _listed(part, labels, of_labels)
     if column:
         labels = {"labels": {"file": apart[0].template, "key": apart[0].key}} | labels
     if times:
@@ -106,18 +98,15 @@ def guess_part(part: Part) -> None:
     if "sensor" in labels:
         part.forget("sensor")
     layout |= labels
-    rest = [one for one in found if one not in (*used, *of_force, *of_labels, *apart)]
-    tracks, of_tracks = guess_tracks(rest, units, doubts)
+    taken = [*used, *of_force, *of_labels, *apart]
+    tracks, of_tracks = guess_tracks(part, [one for one in part.found if one not in taken])
     layout |= tracks
-    if not force:
-        doubts += force_in_names(part.media, part.root)
     for family in of_force[:1] if force else ():
         if family not in of_labels:
-            unread_words(family, layout, doubts)
+            unread_words(part, family)
     if "object" not in layout:
         layout |= _object(part)
-    if not layout.keys() & {"object", "labels", "recording"}:
-        doubts += words_in_names(part.units.files, layout)
+    told_by_names(part, bool(force))
     words = (words_of(path.relative_to(part.root).as_posix()) for path in part.media)
     if len(versions := sorted(VERSIONS.intersection(chain.from_iterable(words)))) > 1:
         doubts.append(
@@ -126,60 +115,34 @@ def guess_part(part: Part) -> None:
         )
     if split := SPLIT_OF_FOLDER.get(part.folder.lower()):
         layout["hold_out"] = "all" if split == "val" else "none"
-    used += [*of_force, *of_labels, *of_tracks, *apart]
-    used += [one for one in found if times and one.template == times["times"]["file"]]
-    part.read |= {path for family in used for path in family.files}
+    taken += of_tracks
+    taken += [one for one in part.found if times and one.template == times["times"]["file"]]
+    part.read |= {path for family in taken for path in family.files}
 
 
-def _families(part: Part, units: Units) -> list[Family]:
+def _families(part: Part) -> list[Family]:
     """Tables beside the recordings of a part: of its folder first, then those with its name."""
     frames = {*part.media}
     tables = [path for path in of_endings(part.files, TABLES | sheets()) if path not in frames]
     tables.sort(key=lambda path: part.folder not in path.relative_to(part.root).parts)
     tables = [path for path in tables if part.names_it(path.stem) is not False]
     tables.sort(key=lambda path: part.names_it(path.stem) is None)
-    found = families(tables, units)
+    found = families(tables, part.units)
     for family in found:
         family.side = part.side
     return found
 
 
 def _listed(
-    part: Part, found: Sequence[Family], labels: dict[str, Any], used: list[Family]
+    part: Part, labels: dict[str, Any], used: list[Family]
 ) -> tuple[dict[str, Any], list[Family]]:
     """Keys of labels of the list of a split, and its family."""
-    own = next((one for one in found if one.files == [part.listed] and one.key), None)
+    own = next((one for one in part.found if one.files == [part.listed] and one.key), None)
     if own is None or (labels and labels["labels"]["file"] != own.template):
         part.doubts.append(f"hold_out: the list {part.listed} is not read beside other labels")
         return labels, used
     part.doubts.append(f"hold_out: {own.template} names the recordings for {part.folder}")
     return {**labels, "labels": {"file": own.template, "key": own.key, "only": True}}, [own]
-
-
-def _shared(part: Part, found: Sequence[Family], units: Units) -> list[Family]:
-    """Families of tables of one row for all recordings; their values are taken over."""
-    told: list[str] = []
-    shared, used = guess_shared(found, units, "fps" in part.layout, told)
-    part.forget(*shared)
-    part.layout |= shared
-    part.doubts += told
-    return used
-
-
-def _apart(part: Part, found: Sequence[Family], units: Units) -> list[Family]:
-    """Family of tables to tell images of one folder apart; the keys are taken over."""
-    told: list[str] = []
-    if "recording" in part.layout:
-        return []
-    keys, used = guess_apart(found, units, told)
-    if keys:
-        keys = {"each": part.layout["each"]} | keys
-        part.forget("each")
-    if keys.get("each") == "touch":
-        part.forget("fps", "times")
-    part.layout |= keys
-    part.doubts += told
-    return used
 
 
 def _background(part: Part) -> dict[str, Any]:
@@ -211,12 +174,7 @@ def _sensor(part: Part, shape: tuple[int, int]) -> dict[str, Any]:
 
 
 def add_camera(part: Part, views: Sequence[Path]) -> None:
-    """Add the key of the view of the scene beside each recording; others are left out.
-
-    Args:
-        part: The files, with their layout.
-        views: Pictures and films of a scene.
-    """
+    """Add the key of the view of the scene beside each recording; others are left out."""
     common = {*words_of(part.media[0].relative_to(part.root).as_posix())}
     said = {path: {*words_of(path.relative_to(part.root).as_posix())} - common for path in views}
     shown = _places(part, [path for path in views if NO_VIEW.isdisjoint(said[path])])
@@ -258,7 +216,7 @@ def _object(part: Part) -> dict[str, Any]:
     """Key of objects by folder."""
     above = {path.parent for path in part.media} - {part.root}
     if part.layout.get("each") != "touch":
-        return _object_of_takes(part.units, part.layout, part.doubts)
+        return _object_of_takes(part)
     if len(above) < 2:
         return {}
     if all(_VALUE.fullmatch(path.name) for path in above):
@@ -274,14 +232,14 @@ def _object(part: Part) -> dict[str, Any]:
     return {"object": "{parent}" if is_sensor else "{folder}"}
 
 
-def _object_of_takes(units: Units, layout: Mapping[str, Any], doubts: list[str]) -> dict[str, Any]:
+def _object_of_takes(part: Part) -> dict[str, Any]:
     """Key of the object, by folders with words for names and several recordings in each.
 
     A folder above those of numbered trials is the object's with one trial as well.
     """
-    parents = [parts for parts in units.files if len(parts) > 1]
+    parents = [parts for parts in part.units.files if len(parts) > 1]
     is_trial = bool(parents) and all(
-        len(parts) > 2 and _TRIAL_FOLDER.fullmatch(parts[-2]) for parts in units.files
+        len(parts) > 2 and _TRIAL_FOLDER.fullmatch(parts[-2]) for parts in part.units.files
     )
     of_folder: dict[str, set[str]] = {}
     for parts in parents:
@@ -292,7 +250,7 @@ def _object_of_takes(units: Units, layout: Mapping[str, Any], doubts: list[str])
         )
     others = SIDE_NAMES | SPLIT_OF_FOLDER.keys() | VERSIONS
     if (
-        len({*map(len, units.files)}) > 1
+        len({*map(len, part.units.files)}) > 1
         or len({re.sub(r"\d+", "", name) for name in of_folder}) < 2
         or (min(map(len, of_folder.values())) < 2 and not is_trial)
         or not all(_OBJECT_FOLDER.fullmatch(name) for name in of_folder)
@@ -300,14 +258,14 @@ def _object_of_takes(units: Units, layout: Mapping[str, Any], doubts: list[str])
     ):
         return {}
     if all(map(_OUTCOME.fullmatch, of_folder)):
-        made = written_labels(layout, "outcome", '$(basename "$(dirname "$f")")')
-        doubts.append(
+        made = written_labels(part.layout, "outcome", '$(basename "$(dirname "$f")")')
+        part.doubts.append(
             f"object: folders are named by what came of it ({', '.join(sorted(of_folder)[:2])}), "
             f"not by objects, and it is not read; a table of it is: {made}"
         )
         return {}
     if is_trial:
-        doubts.append("object: named by the folder above that of a trial")
+        part.doubts.append("object: named by the folder above that of a trial")
         return {"object": "{parent}"}
-    doubts.append("object: named by the folder of several recordings")
+    part.doubts.append("object: named by the folder of several recordings")
     return {"object": "{folder}"}

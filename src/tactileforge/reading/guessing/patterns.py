@@ -17,12 +17,7 @@ _COUNTED = re.compile(r"[0-9]\.[^.]*$")
 
 
 def pattern_of(part: Part, is_listed: bool = False) -> str | list[str]:
-    """Pattern of files, with their common folders by name; several where one does not fit.
-
-    Args:
-        part: The files.
-        is_listed: Whether files are named where no pattern tells them from those beside them.
-    """
+    """Pattern of files, with their common folders by name; several where one does not fit."""
     endings = sorted({path.suffix.lower() for path in part.media})
     above = _folders(part)
     patterns = _of_arrays(part.media, above) if endings == [".npy"] else []

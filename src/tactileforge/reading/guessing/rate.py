@@ -63,11 +63,6 @@ def guess_rate(part: Part, family: Family, force: Mapping[str, Any]) -> None:
 
     Where the push in the pictures fits the forces better at the assumed rate, that one stays; where
     it fits better at theirs than at the rate of films, a line says so.
-
-    Args:
-        part: The files, with their layout and lines; both are changed.
-        family: Tables of the forces.
-        force: Key of the forces, with the column of their times.
     """
     assumes = part.assumes_rate
     takes = [*islice(_takes(part, family, force), _LOOKED_AT if assumes else _SEEN)]

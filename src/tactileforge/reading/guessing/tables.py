@@ -45,12 +45,8 @@ from tactileforge.reading.guessing.families import (
 )
 from tactileforge.reading.guessing.force_headers import axis_of
 from tactileforge.reading.guessing.labels import guess_unit, pasted
-from tactileforge.reading.guessing.numbers import (
-    AXES,
-    guess_sign,
-    likely_unit,
-    named_time_unit,
-)
+from tactileforge.reading.guessing.media import Part
+from tactileforge.reading.guessing.numbers import AXES, guess_sign, likely_unit, named_time_unit
 from tactileforge.reading.name_times import frame_numbers
 from tactileforge.reading.series import series_of
 from tactileforge.reading.split_times import nanoseconds_beside
@@ -70,24 +66,22 @@ _REST = 0.25
 _AS_LONG = 0.4, 10.0
 
 
-def guess_apart(
-    found: Sequence[Family], units: Units, doubts: list[str]
-) -> tuple[dict[str, Any], list[Family]]:
+def guess_apart(part: Part) -> list[Family]:
     """Guess what tells images of one folder apart, where a table names several in it.
 
-    Args:
-        found: Families of tables.
-        units: The recordings, each a folder.
-        doubts: Lines, added to.
-
-    Returns:
-        Keys of the layout, ``recording`` or ``each``; {} where folders are recordings. And the
-        family of tables that says so.
+    The keys, ``recording`` or ``each``, are filled in; the family is that of the table.
     """
-    keyed = [one for one in found if one.key and "*" not in one.template]
-    if units.each != "sequence" or not keyed:
-        return {}, []
-    place = _series_by_name(units)
+    units = part.units
+    keyed = [one for one in part.found if one.key and "*" not in one.template]
+    if units.each != "sequence" or not keyed or "recording" in part.layout:
+        return []
+    # none for the end of a path that several have
+    place = by_ends(
+        (path.relative_to(units.root).as_posix(), "/".join((*unit, series)))
+        for unit, paths in units.files.items()
+        for series, images in series_of(paths).items()
+        for path in images
+    )
     for family in keyed:
         rows: dict[str, list[Mapping[str, str]]] = {}
         for row in family.rows:
@@ -97,45 +91,31 @@ def guess_apart(
         if episode == family.key or not episode:
             episode = None
         if episode and any(len({row[episode] for row in own}) > 1 for own in rows.values()):
-            doubts.append(f"recording: images are told apart by {episode} of {family.template}")
-            return {"recording": f"{{{episode}}}"}, [family]
+            part.forget("each")
+            part.layout |= {"each": "sequence", "recording": f"{{{episode}}}"}
+            by = f"{episode} of {family.template}"
+            part.doubts.append(f"recording: images are told apart by {by}")
+            return [family]
         for column in map(family.column, (OBJECT, TEXT, SENSOR)):
             if not column or column == family.key:
                 continue
             if any(len({row[column] for row in own} - {""}) > 1 for own in rows.values()):
-                doubts.append(
+                part.forget("each", "fps", "times")
+                part.layout["each"] = "touch"
+                part.doubts.append(
                     f"each: {column} of {family.template} differs within a folder and no column "
                     f"tells recordings apart, so each image is taken for a touch of its own; if "
                     f"those of one {column} are a recording: each: sequence, recording: "
                     f"'{{{column}}}'"
                 )
-                return {"each": "touch"}, [family]
-    return {}, []
+                return [family]
+    return []
 
 
-def _series_by_name(units: Units) -> dict[str, str | None]:
-    """The series of each image, by its path or the end of its path; None where several have it."""
-    return by_ends(
-        (path.relative_to(units.root).as_posix(), "/".join((*unit, series)))
-        for unit, paths in units.files.items()
-        for series, images in series_of(paths).items()
-        for path in images
-    )
-
-
-def guess_times(
-    found: Sequence[Family], units: Units, doubts: list[str], apart: str = ""
-) -> tuple[dict[str, Any], bool]:
-    """Guess the key of the times of frames, and whether these are since 1970.
-
-    Args:
-        found: Families of tables.
-        units: The recordings.
-        doubts: Lines, added to.
-        apart: Column that tells the recordings of one folder apart; "" for none.
-    """
-    usable = []
-    for family in found:
+def guess_times(part: Part, apart: str) -> dict[str, Any]:
+    """Guess the key of the times of frames; the units learn whether these are since 1970."""
+    usable, units = [], part.units
+    for family in part.found:
         column = time_column(family)
         has_force = force_columns(family)[2] is not None
         is_for_frames = family.apart is None and units.each != "touch"
@@ -154,10 +134,10 @@ def guess_times(
         if by_name or len(values) == units.count:
             usable.append((has_force, family, column, values, by_name))
     if not usable:
-        return {}, units.is_dated
+        return {}
     _, family, column, values, by_name = min(usable, key=lambda one: one[0])
     keys: dict[str, Any] = {"file": family.template, "column": column}
-    doubts.append(f"times: those of frames are {column} of {family.template}")
+    part.doubts.append(f"times: those of frames are {column} of {family.template}")
     if by_name:
         keys["key"] = family.key
     date = date_unit(values)
@@ -165,20 +145,14 @@ def guess_times(
     unit = "" if date else named_time_unit(column) or likely_unit(step)
     if unit not in ("", "s"):
         keys["unit"] = unit
-        doubts[-1] += f", taken for {unit}"
-    return {"times": keys}, bool(date)
+        part.doubts[-1] += f", taken for {unit}"
+    part.units = replace(units, is_dated=bool(date))
+    return {"times": keys}
 
 
-def guess_force(
-    found: Sequence[Family], units: Units, doubts: list[str]
-) -> tuple[dict[str, Any], list[Family]]:
-    """Guess the key of forces, and its families of tables.
-
-    Args:
-        found: Families of tables.
-        units: The recordings, with what is known of their times.
-        doubts: Lines, added to.
-    """
+def guess_force(part: Part) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the key of forces, and its families of tables."""
+    found, units, doubts = part.found, part.units, part.doubts
     # tables of most recordings, where none are of all
     lacking = {id(family): without_table(family, units) for family in found}
     for family in sorted(found, key=lambda family: bool(lacking[id(family)])):
@@ -204,7 +178,7 @@ def guess_force(
         stated_units = {unit for name in columns if name and (unit := named_unit(name))}
         used = [family]
         if not stated_units:
-            said, of_unit = guess_unit(found, doubts)
+            said, of_unit = guess_unit(part)
             stated_units = {said or _unit_of_file(family.files[0].stem) or "N"}
             used += of_unit
         if len(stated_units) > 1 or not stated_units <= NEWTONS.keys():
@@ -237,7 +211,7 @@ def guess_force(
                 f"on the gel: {', '.join(others[:6])} are left out"
             )
         return {"force": table}, used
-    _ask(found, units, doubts)
+    _ask(part)
     return {}, []
 
 
@@ -270,8 +244,9 @@ def _doubts_of(
             return
 
 
-def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
+def _ask(part: Part) -> None:
     """Add lines about columns of forces of unknown axis, place or name."""
+    found, units, doubts = part.found, part.units, part.doubts
     for family in found:
         others = [name for name in numeric(family) if axis_of(name)]
         columns = [next((x for x in others if axis_of(x) == axis), None) for axis in "xyz"]
@@ -323,17 +298,10 @@ def _ask(found: Sequence[Family], units: Units, doubts: list[str]) -> None:
             break
 
 
-def guess_tracks(
-    found: Sequence[Family], units: Units, doubts: list[str]
-) -> tuple[dict[str, Any], list[Family]]:
-    """Guess the key of tracks: columns of 0 and 1 of frames, and their family of tables.
-
-    Args:
-        found: Families of tables that nothing else reads.
-        units: The recordings.
-        doubts: Lines, added to.
-    """
-    for family in found if units.each != "touch" else ():
+def guess_tracks(part: Part, rest: Sequence[Family]) -> tuple[dict[str, Any], list[Family]]:
+    """Guess the key of tracks, columns of 0 and 1 of frames in the rest of the tables."""
+    units = part.units
+    for family in rest if units.each != "touch" else ():
         names = [] if family.is_numbered or family.apart else [*family.rows[0]]
         columns = [name for name in names if {*map(str, numbers(family, name))} == {"0.0", "1.0"}]
         frame, _ = frame_column(family, units.count)
@@ -343,7 +311,7 @@ def guess_tracks(
             continue
         if not rows and len(family.rows) != units.count:
             continue
-        doubts.append(f"tracks: {', '.join(columns)} of each frame by {family.template}")
+        part.doubts.append(f"tracks: {', '.join(columns)} of each frame by {family.template}")
         return {"tracks": {"file": family.template, **rows, "columns": columns}}, [family]
     return {}, []
 

@@ -22,9 +22,6 @@ def tiles(pictures: NDArray[np.uint8]) -> list[Box]:
 
     Parts meet in an edge across the whole picture. Dark bars with captions are no part of them.
 
-    Args:
-        pictures: uint8 (n, H, W, 3).
-
     Returns:
         Left, top, width and height of each, pixels, row by row.
     """

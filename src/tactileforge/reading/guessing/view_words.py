@@ -232,10 +232,6 @@ def scenes(paths: Sequence[Path], root: Path) -> list[Path]:
     So are folders of what is no recording (``plots``), and pictures beside those that they are
     computed from (``masks`` beside ``images``).
 
-    Args:
-        paths: Files below ``root``.
-        root: Folder of them.
-
     Example:
         >>> files = [Path("a/tactile/0.png"), Path("a/rgb/0.png"), Path("b/tactile/0.png")]
         >>> [path.as_posix() for path in scenes(files, Path())]
