@@ -183,7 +183,7 @@ def judged(name: str, root: str) -> dict[str, Any]:
 
 
 def table(rows: Mapping[str, Any]) -> str:
-    """Mean errors and what is read, by kind of light."""
+    """The table of `docs/calibrate.md`, by kind of light."""
     kinds: dict[str, list[str]] = {}
     for light in next(iter(rows.values()))["lights"]:
         kinds.setdefault(light.split()[0], []).append(light)
