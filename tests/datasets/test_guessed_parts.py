@@ -196,6 +196,17 @@ def test_the_table_of_one_trial_is_not_given_to_others(tmp_path: Path) -> None:
     assert line in doubts
 
 
+def test_very_deep_trees_have_each_their_own_table(tmp_path: Path) -> None:
+    """Thirty folders deep, where comparing every choice of folders would not end."""
+    for number in range(2):
+        below = tmp_path / f"trial_{number}" / "/".join(f"level_{depth}" for depth in range(30))
+        film(below / "touch.avi")
+        table(below / "touch.csv", 2 + number)
+    found, _ = read(tmp_path)
+    peaks = [one.force[-1, 2] for _, one in sorted(found.items()) if one.force is not None]
+    assert peaks == [2, 3]
+
+
 @pytest.mark.parametrize("below", ["", "/day_1"])
 def test_tables_in_a_tree_like_that_of_the_films_are_each_of_their_own(
     below: str, tmp_path: Path

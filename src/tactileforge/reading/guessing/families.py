@@ -23,6 +23,8 @@ from tactileforge.reading.written_names import ENDING, is_absolute, moved_path
 Cells: TypeAlias = Sequence[Mapping[str, str]]
 Parts: TypeAlias = tuple[str, ...]
 
+#: Parts at each end of a very deep path by which tables are compared with it.
+_DEEP = 6
 #: Smallest share of files or names in a table, for the table to be about them.
 _ABOUT = 0.8
 #: Headers of columns that tell recordings apart.
@@ -191,8 +193,9 @@ class _Places:
         for place in range(3):
             for parts, folders in own.items():
                 for end in [*self._ends[parts]][place : place + 1]:
-                    for size in range(len(folders) + 1):
-                        for some in combinations(folders, size):
+                    kept = [folders[i] for i in _kept(len(folders))]
+                    for size in range(len(kept) + 1):
+                        for some in combinations(kept, size):
                             self._found.setdefault(some, parts)
                             self._found.setdefault((*some, end), parts)
 
@@ -236,7 +239,8 @@ class _Places:
         ways = [(*inside, *way) for way in _ways(stem)]
         for size in range(len(inside) + 2, -1, -1):
             for parts in ways:
-                for some in combinations(range(len(parts)), size):
+                whole = [tuple(range(size))] if size == len(parts) else []
+                for some in chain(whole, combinations(_kept(len(parts)), size)):
                     unit = self._found.get(tuple(parts[i] for i in some))
                     if unit is None:
                         continue
@@ -274,8 +278,14 @@ class _Places:
         return "/".join(out)
 
 
+def _kept(count: int) -> Sequence[int]:
+    """Places of so many parts of a path; of a very deep one, the first and last ones."""
+    places = range(count)
+    return places if count <= 2 * _DEEP else [*places[:_DEEP], *places[-_DEEP:]]
+
+
 def _ways(stem: str) -> list[Parts]:
-    """The parts of a path that the name of a table may be.
+    """Possible parts of a path in the name of a table.
 
     Example:
         >>> _ways("mug_1_ft")
@@ -463,7 +473,7 @@ def _key(family: Family, names: set[str], folders: set[str], units: Units) -> st
 def _telling(
     titles: Iterable[str], rows: Cells, names: Sequence[str]
 ) -> Iterator[tuple[str, list[str], Mapping[str, Sequence[str]]]]:
-    """Columns of which each cell tells recordings, with the cells and the recordings by these."""
+    """Columns with recordings in every cell, with the cells and the recordings by these."""
     for title in titles:
         cells = [row[title] for row in rows]
         told = recordings_of(cells, names)
