@@ -1,4 +1,4 @@
-"""Whole pictures: sources and scenes that are alike are not told apart, and others are."""
+"""Whole pictures: sources and scenes of one kind are not told apart, and others are."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ class OpticalCalibration:
         return replace(self, coarse=coarse)
 
     def scattered(self, share: float) -> OpticalCalibration:
-        """The calibration of a sensor with ``share`` of the light that scatters in its gel."""
+        """The calibration of a sensor with ``share`` of the light scattered in its gel."""
         coarse = self.coarse.clone()
         coarse[: 3 * len(BLURS)] *= share
         return replace(self, coarse=coarse)

@@ -165,7 +165,7 @@ def _other_columns(
 
 
 def _add_split(keys: dict[str, Any], family: Family, doubts: list[str]) -> None:
-    """Add what a column of splits (``train``, ``test``) holds out."""
+    """Add the key of a column of splits (``train``, ``test``)."""
     for title in family.rows[0]:
         sides = {row[title]: SPLIT_OF_FOLDER.get(row[title].lower(), "") for row in family.rows}
         if {*sides.values()} == {"train", "val"}:
@@ -301,7 +301,7 @@ def _tells_no_object(word: str) -> bool:
 
 
 def written_labels(layout: Mapping[str, Any], column: str, value: str) -> str:
-    """A command that writes a table of labels from the names of files."""
+    """A command to write a table of labels from the names of files."""
     patterns = layout.get("videos") or layout["images"]
     patterns = [patterns] if isinstance(patterns, str) else patterns
     if layout.get("each") == "sequence":

@@ -44,7 +44,7 @@ def lists_of_splits(
 
 
 def _listed(path: Path, named: dict[str, tuple[Path, ...] | None]) -> list[Path]:
-    """Files that most cells of a column of a table name; [] for another table."""
+    """Files named by most cells of a column of a table; [] for another table."""
     try:
         rows = [cells for _, cells in read_cells(path, [])]
     except TactileForgeError:

@@ -1,9 +1,11 @@
-"""The border of a picture: a dark rounded frame around the gel, and a lamp that glows inside it."""
+"""The border of a picture: a dark rounded frame around the gel, and a glowing lamp inside it."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
+
+from tactileforge_sim.optics.stray_light import between
 
 #: Widths of the frame's sides, and radius and softness of its corners, least and largest; all
 #: lengths here are shares of the image's shorter side. Sides of less than 0 are not in the picture.
@@ -36,7 +38,7 @@ def border(
     height, width = size
     short = min(size)
     y, x = torch.meshgrid(torch.arange(height) / short, torch.arange(width) / short, indexing="ij")
-    sides = [_between(_SIDE, place) for place in torch.rand(4, generator=shape).tolist()]
+    sides = [between(_SIDE, place) for place in torch.rand(4, generator=shape).tolist()]
     corner, soft = torch.rand(2, generator=shape).tolist()
     # distances inwards from the left, right, top and bottom of the frame
     into = (
@@ -45,23 +47,19 @@ def border(
         y - sides[2],
         height / short - sides[3] - y,
     )
-    bend = _between(_CORNER, corner)
+    bend = between(_CORNER, corner)
     across, down = torch.minimum(*into[:2]), torch.minimum(*into[2:])
     inside = bend - torch.hypot((bend - across).clamp(min=0), (bend - down).clamp(min=0))
     inside = torch.where((across > bend) | (down > bend), torch.minimum(across, down), inside)
-    passing = torch.sigmoid(inside / _between(_SOFT, soft))
+    passing = torch.sigmoid(inside / between(_SOFT, soft))
     which, near, wide, shade, far, hue = torch.rand(6, generator=lamp).tolist()
     side = into[int(2 * which)].clamp(min=0)  # lamps are at the left and the right
     seen = 1 - dark * (1 - passing)
     if not glow:
         return seen, torch.zeros(3, height, width)
     # the band follows the frame and its corners, near its side only
-    band = torch.exp(-0.5 * ((inside - _between(_NEAR, near)) / _between(_WIDE, wide)) ** 2)
+    band = torch.exp(-0.5 * ((inside - between(_NEAR, near)) / between(_WIDE, wide)) ** 2)
     band = band * torch.exp(-side / _ALONG)
     colour = torch.tensor([0.1 + 0.2 * hue, 1.0, 0.3 + 0.4 * (1 - hue)])
-    shaded = 1 - _between(_SHADE, shade) * torch.exp(-side / _between(_FAR, far))
+    shaded = 1 - between(_SHADE, shade) * torch.exp(-side / between(_FAR, far))
     return seen * shaded, glow * seen * band * colour[:, None, None]
-
-
-def _between(limits: tuple[float, float], place: float) -> float:
-    return limits[0] + (limits[1] - limits[0]) * place

@@ -71,11 +71,11 @@ def stray_light(
             across * math.cos(beam) + along * math.sin(beam),
         )
         if lines is not None:
-            cone = _streaked(_between(_BROAD, half) - side.abs(), side, far, streaks, lines)
+            cone = _streaked(between(_BROAD, half) - side.abs(), side, far, streaks, lines)
         else:
-            cone = torch.sigmoid((_between(_HALF, half) - side.abs()) / _between(_SOFT, soft))
+            cone = torch.sigmoid((between(_HALF, half) - side.abs()) / between(_SOFT, soft))
         cone /= 1 + far / _FALL
-        disc = torch.exp(-0.5 * (far / _between(_SPOT, spot)) ** 2)
+        disc = torch.exp(-0.5 * (far / between(_SPOT, spot)) ** 2)
         power = _POWERS[channel] if streaks else 1.0
         out[channel] += power * cones * (0.5 + 0.5 * bright) * cone
         out += hot_spots * glare * disc * (0.4 + 0.6 * (torch.arange(3) == channel))[:, None, None]
@@ -85,7 +85,7 @@ def stray_light(
 def _streaked(
     border: Tensor, side: Tensor, far: Tensor, streaks: float, chance: torch.Generator
 ) -> Tensor:
-    """A cone with streaks, that ends in an arc with a bright border, of light near 1 within.
+    """A cone with streaks and an arc with a bright border at its end, of light near 1 within.
 
     Args:
         border: Angle from the cone's border, rad, positive within it.
@@ -95,17 +95,18 @@ def _streaked(
         chance: Generator of their places.
     """
     reach, curl, soft = torch.rand(3, generator=chance).tolist()
-    arc = _between(_REACH, reach) * (1 + 0.5 * (curl - 0.5) * side) - far
+    arc = between(_REACH, reach) * (1 + 0.5 * (curl - 0.5) * side) - far
     within = torch.minimum(border + 0.3 * (curl - 0.5) * far, arc)
     turns, phases, sizes = torch.rand(3, _LINES, generator=chance)
     often = _WAVES[0] + (_WAVES[1] - _WAVES[0]) * turns
     waves = often[:, None, None] * side + (2 * math.pi * phases)[:, None, None]
     lines = (sizes[:, None, None] * torch.sin(waves)).sum(0) / math.sqrt(_LINES / 4)
     fold = torch.exp(-0.5 * (within / _FOLD) ** 2)
-    lit = torch.sigmoid(within / _between(_SHARP, soft))
+    lit = torch.sigmoid(within / between(_SHARP, soft))
     out: Tensor = lit * (1 + _DEEP * streaks * lines).clamp(min=0) + _BRIGHT * streaks * fold
     return out
 
 
-def _between(limits: tuple[float, float], place: float) -> float:
+def between(limits: tuple[float, float], place: float) -> float:
+    """A number between limits, at a place from 0 to 1."""
     return limits[0] + (limits[1] - limits[0]) * place

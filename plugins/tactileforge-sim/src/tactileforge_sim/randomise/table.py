@@ -75,7 +75,7 @@ def _unit(
 
 
 def _look(name: str, what: str, neutral: float, source: str, **more: Any) -> RandomisedQuantity:
-    """A row of the sensors that are named, neutral on all others."""
+    """A row for the named sensors, neutral on all others."""
     return RandomisedQuantity(name, "look", what, neutral, neutral, neutral, source, **more)
 
 
@@ -445,3 +445,7 @@ TABLE: dict[str, RandomisedQuantity] = {
         ),
     )
 }
+#: Rows that bring pictures nearer to real ones, added after the weights that ship were trained.
+NEARER = frozenset(
+    {"worn", "warp", "grain"} | {x.name for x in TABLE.values() if x.scope == "look"}
+)
